@@ -1,0 +1,36 @@
+"""Central differences on flat, row-major arrays.
+
+All indices are unsigned: an unsigned index needs no check for negative wrap-around, which would
+keep the loops from being vectorised.
+"""
+
+from morphosim.kernels._jit import kernel
+
+COEFFICIENTS = {
+    2: (1 / 2,),
+    4: (2 / 3, -1 / 12),
+    6: (3 / 4, -3 / 20, 1 / 60),
+}
+"""First-derivative weights of the points 1, 2, 3 steps away, by order; times 1/h."""
+
+LAPLACIAN_COEFFICIENTS = {
+    2: (-2.0, 1.0),
+    4: (-5 / 2, 4 / 3, -1 / 12),
+    6: (-49 / 18, 3 / 2, -3 / 20, 1 / 90),
+}
+"""Second-derivative weights of the points 0, 1, 2, 3 steps away, by order; times 1/h²."""
+
+
+@kernel()
+def derivative(field, index, stride, c1, c2, c3):
+    """First derivative of `field` at `index` along the axis of `stride`.
+
+    `c2` and `c3` are None for stencils that do not have them; the branches then vanish.
+    """
+    value = c1 * (field[index + stride] - field[index - stride])
+    if c2 is not None:
+        value += c2 * (field[index + stride + stride] - field[index - stride - stride])
+    if c3 is not None:
+        three = stride + stride + stride
+        value += c3 * (field[index + three] - field[index - three])
+    return value

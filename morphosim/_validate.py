@@ -1,0 +1,103 @@
+"""Checks of input, with errors that name the thing, its value, what is allowed and what to try."""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def number(name: str, value: Any, *, above: float | None = None, least: float | None = None,
+           most: float | None = None) -> float:  # fmt: skip
+    """Return `value` as a finite float within the bounds, or raise ValueError or TypeError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        message = f"{name} = {value!r} is not a number"
+        raise TypeError(message)
+    allowed = [f"> {above:g}"] if above is not None else []
+    allowed += [f">= {least:g}"] if least is not None else []
+    allowed += [f"<= {most:g}"] if most is not None else []
+    bad = (
+        not math.isfinite(value)
+        or (above is not None and not value > above)
+        or (least is not None and not value >= least)
+        or (most is not None and not value <= most)
+    )
+    if bad:
+        message = f"{name} = {value!r} is not allowed: it must be finite" + "".join(
+            f" and {bound}" for bound in allowed
+        )
+        raise ValueError(message)
+    return float(value)
+
+
+def integer(name: str, value: Any, *, least: int) -> int:
+    """Return `value` as an int not below `least`, or raise."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        message = f"{name} = {value!r} is not a whole number"
+        raise TypeError(message)
+    if value < least:
+        message = f"{name} = {value} is not allowed: it must be >= {least}"
+        raise ValueError(message)
+    return int(value)
+
+
+def choice(name: str, value: Any, allowed: Iterable[Any]) -> None:
+    """Raise ValueError unless `value` is one of `allowed`; suggests the nearest."""
+    allowed = list(allowed)
+    if value in allowed:
+        return
+    near = difflib.get_close_matches(str(value), [str(a) for a in allowed], n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    message = f"{name} = {value!r} is not known; allowed are {_listed(allowed)}{hint}"
+    raise ValueError(message)
+
+
+def keys(where: str, table: Mapping[str, Any], allowed: Iterable[str]) -> None:
+    """Raise ValueError if `table` has a key that is not in `allowed`."""
+    if not isinstance(table, Mapping):
+        message = f"{where} = {table!r} is not a table of keys and values"
+        raise TypeError(message)
+    for key in table:
+        choice(f"key of {where}", key, allowed)
+
+
+def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value` as a finite (3,) float64 array, or raise ValueError."""
+    return array(name, value, (3,))
+
+
+def array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """Return `value` as a finite float64 array of `shape` (None: any length), or raise."""
+    try:
+        result = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        message = f"{name} is not an array of numbers: {value!r}"
+        raise ValueError(message) from error
+    fits = result.ndim == len(shape) and all(
+        want is None or have == want for have, want in zip(result.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = tuple("any" if n is None else n for n in shape)
+        message = f"{name} has shape {result.shape}; expected {wanted}"
+        raise ValueError(message)
+    if not np.isfinite(result).all():
+        where = tuple(int(k) for k in np.argwhere(~np.isfinite(result))[0])
+        message = f"{name}{list(where)} = {result[where]} is not finite"
+        raise ValueError(message)
+    return result
+
+
+def unique(name: str, values: Iterable[str]) -> None:
+    """Raise ValueError naming the first value that occurs twice."""
+    seen = set()
+    for value in values:
+        if value in seen:
+            message = f"{name} {value!r} occurs twice; each must be unique"
+            raise ValueError(message)
+        seen.add(value)
+
+
+def _listed(values: Iterable[Any]) -> str:
+    return ", ".join(repr(value) for value in values)

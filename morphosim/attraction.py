@@ -1,0 +1,112 @@
+"""Attraction σ between cells: one value, by cell type, or pair by pair (Eq. 4 of the paper)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphosim import _validate
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attraction:
+    """Strength σ[j, i] with which cell j pulls on cell i; σ need not be symmetric.
+
+    The most specific statement holds: a pair of cells, else a pair of types, else `default`.
+
+    Attributes
+    ----------
+    default : float
+        σ between any two cells.
+    types : mapping of (type j, type i) to float
+        σ by cell type. Where only one order of two types is given it holds for both.
+    pairs : mapping of (cell j, cell i) to float
+        σ of single pairs. Where only one order of two cells is given it holds for both.
+
+    Raises
+    ------
+    ValueError
+        A value is negative or not finite.
+
+    Examples
+    --------
+    >>> Attraction(default=0.5, pairs={("ABpl", "E"): 0.0}).matrix(["ABpl", "E", "MS"])
+    array([[0. , 0. , 0.5],
+           [0. , 0. , 0.5],
+           [0.5, 0.5, 0. ]])
+    """
+
+    default: float = 0.0
+    types: Mapping[Pair, float] = field(default_factory=dict)
+    pairs: Mapping[Pair, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _validate.number("sigma.default", self.default, least=0)
+        for label, table in (("types", self.types), ("pairs", self.pairs)):
+            for (j, i), value in table.items():
+                _validate.number(f"sigma.{label}[{j!r}, {i!r}]", value, least=0)
+
+    @classmethod
+    def from_matrix(cls, names: Sequence[str], matrix: ArrayLike) -> "Attraction":
+        """Attraction given as a full (N, N) matrix, matrix[j, i] the pull of j on i.
+
+        The most frequent value becomes the default, the others pairs; the diagonal is ignored.
+
+        Raises
+        ------
+        ValueError
+            The matrix is not square, its size is not that of `names`, or an entry is negative.
+        """
+        sigma = _validate.array("sigma", matrix, (len(names), len(names)))
+        off_diagonal = sigma[~np.eye(len(names), dtype=bool)]
+        values, counts = np.unique(off_diagonal, return_counts=True)
+        default = float(values[np.argmax(counts)]) if values.size else 0.0
+        pairs = {
+            (names[j], names[i]): float(sigma[j, i])
+            for j, i in np.argwhere(sigma != default)
+            if j != i
+        }
+        asymmetric = {(i, j): default for j, i in pairs if (i, j) not in pairs}
+        return cls(default=default, pairs=pairs | asymmetric)
+
+    def of_types(self, j: str, i: str) -> float:
+        """σ between cells of type j (pulling) and type i (pulled)."""
+        return self.types.get((j, i), self.types.get((i, j), self.default))
+
+    def of_pair(self, j: str, i: str) -> float | None:
+        """σ stated for the pair of cells j (pulling) and i (pulled), or None."""
+        return self.pairs.get((j, i), self.pairs.get((i, j)))
+
+    def type_matrix(self, types: Sequence[str]) -> NDArray[np.float64]:
+        """(K, K) σ by type, [j, i]."""
+        return np.array([[self.of_types(j, i) for i in types] for j in types])
+
+    def stated_pairs(self) -> set[Pair]:
+        """Both orders of every pair that has a value of its own."""
+        return set(self.pairs) | {(i, j) for j, i in self.pairs}
+
+    def matrix(
+        self, names: Sequence[str], types: Sequence[str] | None = None
+    ) -> NDArray[np.float64]:
+        """Full (N, N) matrix σ[j, i] for cells with the given names and types; diagonal 0."""
+        kinds = types if types is not None else [""] * len(names)
+        sigma = np.array([[self.of_types(j, i) for i in kinds] for j in kinds])
+        index = {name: k for k, name in enumerate(names)}
+        for j, i in self.stated_pairs():
+            if j in index and i in index:
+                sigma[index[j], index[i]] = self.of_pair(j, i)
+        np.fill_diagonal(sigma, 0.0)
+        return sigma
+
+    def check_names(self, names: Sequence[str], types: Sequence[str]) -> None:
+        """Raise ValueError if a pair names a cell or a type that does not exist."""
+        for j, i in self.pairs:
+            _validate.choice(f"cell in sigma.pairs[{j!r}, {i!r}]", j, names)
+            _validate.choice(f"cell in sigma.pairs[{j!r}, {i!r}]", i, names)
+        known = sorted(set(types))
+        for j, i in self.types:
+            _validate.choice(f"type in sigma.types[{j!r}, {i!r}]", j, known)
+            _validate.choice(f"type in sigma.types[{j!r}, {i!r}]", i, known)

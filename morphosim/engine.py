@@ -1,0 +1,355 @@
+"""The engine: the state of all cells and the step that advances it."""
+
+import heapq
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import numpy as np
+import scipy.linalg.cython_blas  # noqa: F401  (the BLAS that Numba calls; loaded to be limited)
+from numba import config, get_num_threads, set_num_threads
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from morphosim.boxes import BoxPool
+from morphosim.confinement import Confinement
+from morphosim.interactions import Interactions
+from morphosim.kernels import step as kernels
+from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
+from morphosim.kernels.noise import normal_vectors
+from morphosim.kernels.pairs import accumulate_pairs
+from morphosim.kernels.stencils import COEFFICIENTS
+from morphosim.kernels.tiles import accumulate
+from morphosim.numerics import Numerics
+from morphosim.physics import Physics
+from morphosim.schemes import coefficients
+from morphosim.tiles import Background, TileCover
+from morphosim.transforms import BoxTransform, CosineTables, FFTWTransform, SciPyTransform
+
+RUNAWAY = 4.0
+"""|φ| beyond this counts as divergence; sound fields stay between about -0.2 and 1.5."""
+SHRINK_INTERVAL = 32
+"""Steps between two looks for boxes that have become too large."""
+DTYPES = {"single": np.float32, "double": np.float64}
+
+
+class Engine:
+    """State of a number of cells, and its advance in time.
+
+    Parameters
+    ----------
+    physics, numerics, confinement
+        See `Scene`.
+    names, types : of the N cells
+    gamma : (N,) surface tensions
+    frozen : (N,) bool, cells that act on others and are not stepped
+    fields : per cell, lattice origin and start field
+
+    Attributes
+    ----------
+    pool : BoxPool
+        The fields.
+    steps : int
+        Steps taken.
+    fresh : bool
+        Whether the next step has no history and is of first order.
+    face_peak : (N,) float64
+        Certificate: largest |φ| seen on the faces of each cell's box.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        numerics: Numerics,
+        confinement: Confinement | None,
+        names: Sequence[str],
+        types: Sequence[str],
+        gamma: NDArray[np.float64],
+        frozen: NDArray[np.bool_],
+        fields: Sequence[tuple[NDArray[np.int64], NDArray[np.floating]]],
+    ) -> None:
+        self.physics, self.numerics, self.confinement = physics, numerics, confinement
+        self.dtype = np.dtype(DTYPES[numerics.precision])
+        self.workers = _checked_threads(numerics.worker_count)
+        self.names, self.types = list(names), list(types)
+        self.gamma, self.frozen = np.asarray(gamma, float), np.asarray(frozen, bool)
+        self.ids = np.arange(len(self.names), dtype=np.uint64)
+        self.steps = 0
+        self.fresh = True
+        self._real = self.dtype.type
+        self.pool = BoxPool(self.dtype, numerics.box_tolerance, numerics.scheme == "bdf2")
+        self.pool.add(fields)
+        self.face_peak = self.pool.surveys[:, 4].copy()
+        self._limits = Limits(self.pool.tolerance, self._real(RUNAWAY), self._real(0.5))
+        self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
+        self._cosines = CosineTables(
+            numerics.spacing, numerics.laplacian, numerics.order, self.dtype
+        )
+        self._library = _make_library(numerics.transform, self.dtype)
+        self._controller = ThreadpoolController()
+        self._relist()
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """∫ φ of each cell, µm³."""
+        return np.asarray(self.pool.surveys[:, 0] * self.numerics.spacing**3)
+
+    @property
+    def lost_volume(self) -> NDArray[np.float64]:
+        """Certificate: ∫ φ that moving boxes has cut off each cell since the start, µm³."""
+        return np.asarray(self.pool.lost * self.numerics.spacing**3)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays that grow with the cells."""
+        tiles = self._cover.nbytes if self._coupled else 0
+        extra = sum(a.nbytes for a in (self._pair_potential, self._rhs) if a is not None)
+        return self.pool.nbytes + tiles + extra + self._work.nbytes
+
+    @contextmanager
+    def limited_threads(self) -> Iterator[None]:
+        """Numba on `workers` threads, BLAS on one per thread of ours."""
+        before = get_num_threads()
+        set_num_threads(self.workers)
+        try:
+            with self._controller.limit(limits=1, user_api="blas"):
+                yield
+        finally:
+            set_num_threads(before)
+
+    def step(self, targets: NDArray[np.float64]) -> None:
+        """Advance all cells by δt; `targets` (N,) are the volumes V(t) in µm³.
+
+        Call it within `limited_threads`.
+        """
+        self._accumulate()
+        self._fill_terms(targets)
+        self._advance()
+        self.fresh = False
+        self.steps += 1
+        np.maximum(self.face_peak, self.pool.surveys[:, 4], out=self.face_peak)
+        self._refit()
+
+    def diverged(self) -> NDArray[np.int64]:
+        """Cells whose last step was refused: not finite, or beyond `RUNAWAY`."""
+        return np.flatnonzero(self.pool.surveys[:, 3] > 0)
+
+    def vanished(self) -> NDArray[np.int64]:
+        """Cells that are below 1/2 everywhere."""
+        return np.flatnonzero(self.pool.surveys[:, 2] == 0)
+
+    def remove(self, i: int) -> None:
+        """Take cell i out; the next step is of first order for all cells."""
+        self.pool.remove(i)
+        del self.names[i], self.types[i]
+        for name in ("gamma", "frozen", "ids", "face_peak"):
+            setattr(self, name, np.delete(getattr(self, name), i))
+        self.restart_history()
+        self._relist()
+
+    def restart_history(self) -> None:
+        """Forget φⁿ⁻¹ and Fⁿ⁻¹: after an event the next step is of first order."""
+        self.fresh = True
+        if self.pool.history is not None:
+            self.pool.history[:] = 0
+
+    def _relist(self) -> None:
+        """Set up all that depends on which cells there are."""
+        physics, numerics, n = self.physics, self.numerics, len(self)
+        self._interactions = Interactions(
+            physics.attraction, physics.g, self.names, self.types, self.dtype
+        )
+        walls = self.confinement is not None and physics.g_e > 0
+        acts = physics.g > 0 or self._interactions.attracts
+        self._coupled = walls or (n > 1 and acts)
+        background = (
+            Background(self.confinement, physics.g_e, numerics.spacing, self.dtype)
+            if walls and self.confinement is not None
+            else None
+        )
+        self._cover = TileCover(
+            self.dtype, self.workers, self._interactions.n_fields, background
+        )
+        self._terms = CellTerms(
+            gamma=self.gamma.astype(self.dtype),
+            well=(4 * self.gamma * physics.c).astype(self.dtype),
+            pressure=np.zeros(n, self.dtype),
+            drift=np.zeros((n, 3), self.dtype) if physics.kappa > 0 else None,
+        )
+        self._normals = np.zeros((n, 3))
+        self._relayout()
+
+    def _relayout(self) -> None:
+        """Set up all that depends on where boxes are and how large."""
+        self._cosines.require(self.pool.shape)
+        self._share_out()
+        self._reserve()
+        if self._coupled:
+            self._cover.update(self.pool.origin, self.pool.shape)
+
+    def _share_out(self) -> None:
+        """Give each thread a list of cells of about the same work, largest cells first."""
+        shape = self.pool.shape
+        cost = shape.prod(axis=1) * (60.0 + shape.sum(axis=1))
+        stepped = np.flatnonzero(~self.frozen)
+        lists: list[list[int]] = [[] for _ in range(self.workers)]
+        loads = [(0.0, w) for w in range(self.workers)]
+        for i in stepped[np.argsort(-cost[stepped], kind="stable")].tolist():
+            load, worker = heapq.heappop(loads)
+            lists[worker].append(i)
+            heapq.heappush(loads, (load + cost[i], worker))
+        self._order = np.array([i for cells in lists for i in cells], np.int64)
+        self._bounds = np.cumsum([0] + [len(cells) for cells in lists]).astype(np.int64)
+
+    def _reserve(self) -> None:
+        """Work space for the largest box, and pools that only some scenes need."""
+        size, row = int(self.pool.sizes().max()), int(self.pool.shape[:, 2].max())
+        if not hasattr(self, "_work") or self._work.shape[2] < size:
+            self._work = np.zeros((self.workers, kernels.N_WORK, size), self.dtype)
+        if not hasattr(self, "_force") or self._force.shape[1] < row:
+            self._force = np.zeros((self.workers, row), self.dtype)
+        length = len(self.pool.phi)
+        self._pair_potential = self._matching(
+            getattr(self, "_pair_potential", None), self._interactions.pairs is not None, length
+        )
+        self._rhs = self._matching(
+            getattr(self, "_rhs", None), self._library is not None, length
+        )
+
+    def _matching(
+        self, pool: NDArray[np.floating] | None, wanted: bool, length: int
+    ) -> NDArray[np.floating] | None:
+        """A pool of the length of `phi`, if the scene needs one."""
+        if not wanted:
+            return None
+        return pool if pool is not None and len(pool) == length else np.zeros(length, self.dtype)
+
+    def _accumulate(self) -> None:
+        """Sums over cells of the present state."""
+        if not self._coupled:
+            return
+        phi, boxes = self.pool.phi, self.pool.boxes
+        accumulate(
+            self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.tiles
+        )
+        if self._interactions.pairs is not None:
+            accumulate_pairs(
+                self._bounds, self._order, self._interactions.pairs, phi, boxes,
+                self._pair_potential,
+            )  # fmt: skip
+
+    def _fill_terms(self, targets: NDArray[np.float64]) -> None:
+        """Volume pressure (Eq. 2, 10) and motility drift (Eq. S3) of this step."""
+        physics = self.physics
+        if physics.volume_constraint == "relative":
+            self._terms.pressure[:] = physics.volume_strength * (1 - self.volumes / targets)
+        else:
+            self._terms.pressure[:] = physics.volume_strength * (targets - self.volumes)
+        if self._terms.drift is not None:
+            normal_vectors(
+                np.uint64(self.numerics.seed), np.uint64(self.steps), self.ids, self._normals
+            )
+            np.multiply(
+                self._normals, -physics.kappa * np.sqrt(self.numerics.dt),
+                out=self._terms.drift, casting="same_kind",
+            )  # fmt: skip
+
+    def _advance(self) -> None:
+        """Force, implicit solve and survey of all cells that are stepped."""
+        numbers = coefficients(self.numerics, self.physics.tau, self.fresh)
+        scheme = Scheme(**{name: self._real(value) for name, value in numbers.items()})
+        if self._library is not None:
+            self._advance_with_library(scheme)
+            return
+        shared = (
+            self.pool.boxes, self._terms, self._interactions.interaction,
+            self._cover.tiles if self._coupled else None, self._pair_potential,
+            self._work, self._force, self._stencil, scheme, self._cosines.arrays,
+            self._limits, self.pool.surveys, *self._uses(),
+        )  # fmt: skip
+        if self.numerics.scheme == "euler":
+            kernels.step_explicit(self._bounds, self._order, self.pool.phi, *shared)
+        else:
+            kernels.step_implicit(
+                self._bounds, self._order, self.pool.phi, self.pool.history, *shared
+            )
+
+    def _uses(self) -> tuple[bool | None, bool | None]:
+        """Whether there is repulsion, and attraction; None compiles the branch away."""
+        repulsion = True if self._coupled else None
+        psi = True if self._coupled and self._interactions.attracts else None
+        return repulsion, psi
+
+    def _advance_with_library(self, scheme: Scheme) -> None:
+        """As `_advance`, with the cosine transforms of a library, box by box."""
+        boxes, pool = self.pool.boxes, self.pool
+        kernels.prepare_all(
+            self._bounds, self._order, pool.phi, pool.history, boxes, self._terms,
+            self._interactions.interaction, self._cover.tiles if self._coupled else None,
+            self._pair_potential, self._work, self._force, self._stencil, scheme,
+            self._limits.half, self._rhs, *self._uses(),
+        )  # fmt: skip
+        with ThreadPoolExecutor(self.workers) as threads:
+            lists = [self._order[a:b] for a, b in zip(self._bounds, self._bounds[1:], strict=False)]
+            for done in [threads.submit(self._solve, cells, scheme) for cells in lists]:
+                done.result()
+        kernels.accept_all(
+            self._bounds, self._order, pool.phi, self._rhs, boxes, self._limits, pool.surveys
+        )
+
+    def _solve(self, cells: NDArray[np.int64], scheme: Scheme) -> None:
+        """Implicit solve (or explicit diffusion) of some cells in the pool `_rhs`."""
+        assert self._library is not None
+        for i in cells.tolist():
+            rhs = self.pool.box(i, self._rhs)
+            symbol = self._symbol(i)
+            if self.numerics.scheme == "euler":
+                spectrum = self._library.forward(self.pool.box(i).copy())
+                spectrum *= -symbol
+                rhs += scheme.a1 * self._library.inverse(spectrum)
+            else:
+                spectrum = self._library.forward(rhs)
+                spectrum /= scheme.lhs + symbol
+                rhs[:] = self._library.inverse(spectrum)
+
+    def _symbol(self, i: int) -> NDArray[np.floating]:
+        """γ (λx + λy + λz) of cell i's box."""
+        x, y, z = (self._cosines.symbol(int(n)) for n in self.pool.shape[i])
+        return np.asarray(
+            self._terms.gamma[i] * (x[:, None, None] + y[None, :, None] + z[None, None, :])
+        )
+
+    def _refit(self) -> None:
+        """Move and resize boxes whose band has come to a face, and now and then too large ones."""
+        if self.steps % SHRINK_INTERVAL == 0:
+            cells = self._order
+        else:
+            touching = self.pool.surveys[:, 4] > self.pool.tolerance
+            cells = np.flatnonzero(touching & ~self.frozen)
+        if len(cells) and len(self.pool.refit(cells)):
+            self._relayout()
+
+
+def _checked_threads(threads: int) -> int:
+    if threads > config.NUMBA_NUM_THREADS:
+        message = (
+            f"numerics.threads = {threads} is more than the {config.NUMBA_NUM_THREADS} that "
+            "Numba was started with; take fewer, or set NUMBA_NUM_THREADS before the start"
+        )
+        raise ValueError(message)
+    return threads
+
+
+def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:
+    weights = [dtype.type(w / spacing) for w in COEFFICIENTS[order]]
+    c1, c2, c3 = (*weights, None, None)[:3]
+    return Stencil(radius=order // 2, c1=c1, c2=c2, c3=c3)
+
+
+def _make_library(transform: str, dtype: np.dtype) -> BoxTransform | None:
+    if transform == "pyfftw":
+        return FFTWTransform(dtype)
+    return SciPyTransform() if transform == "scipy" else None

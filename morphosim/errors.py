@@ -1,0 +1,18 @@
+"""Errors that a running simulation raises."""
+
+
+class SimulationError(RuntimeError):
+    """A simulation cannot go on; `time` and `cell` say when and where."""
+
+    def __init__(self, message: str, *, time: float, cell: str) -> None:
+        super().__init__(message)
+        self.time = time
+        self.cell = cell
+
+
+class DivergenceError(SimulationError):
+    """A field is no longer finite, or runs away. The fields kept are the last finite ones."""
+
+
+class CellVanishedError(SimulationError):
+    """A cell's field is below 1/2 everywhere (paper §2.3, "cell disappearance")."""

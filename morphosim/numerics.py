@@ -1,0 +1,90 @@
+"""How the equations are solved: the knobs that trade speed for accuracy."""
+
+import os
+from dataclasses import dataclass
+
+from morphosim import _validate
+
+SCHEMES = ("bdf2", "imex1", "euler")
+PRECISIONS = ("single", "double")
+TRANSFORMS = ("matrix", "pyfftw", "scipy")
+LAPLACIANS = ("exact", "stencil")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Numerics:
+    """Numerical parameters.
+
+    Attributes
+    ----------
+    dt : float
+        Time step δt, *in silico* time.
+    S : float
+        Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
+        "euler".
+    scheme : {"bdf2", "imex1", "euler"}
+        Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), or explicit Euler.
+    start_S : float, optional
+        Stabilisation of the first step of "bdf2"; by default S, as published. S acts as inertia:
+        after a stabilised start velocities take S δt/τ steps to build up. Start a smooth state
+        that is already in motion with 0.
+    spacing : float
+        Lattice spacing in µm.
+    order : {2, 4, 6}
+        Order of the gradient stencil.
+    laplacian : {"exact", "stencil"}
+        Symbol of the Laplacian: -k², or that of the second-difference stencil of `order`.
+    box_tolerance : float
+        Largest |φ| allowed on the faces of a cell's box. The band, where gradients are evaluated
+        and neighbours are felt, is where |φ| exceeds it.
+    precision : {"single", "double"}
+        Type of the fields. Volumes are summed in double precision.
+    transform : {"matrix", "pyfftw", "scipy"}
+        Cosine transform: dense matrices through BLAS, FFTW or SciPy.
+    threads : int
+        Number of threads; 0 takes all the processors available. The result does not depend on it.
+    seed : int
+        Seed of the motility noise.
+
+    Raises
+    ------
+    ValueError
+        A value is out of range; the message names it and what is allowed.
+    """
+
+    dt: float = 2.0
+    S: float = 12.0
+    scheme: str = "bdf2"
+    start_S: float | None = None
+    spacing: float = 0.5
+    order: int = 6
+    laplacian: str = "exact"
+    box_tolerance: float = 1e-3
+    precision: str = "single"
+    transform: str = "matrix"
+    threads: int = 0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _validate.number("numerics.dt", self.dt, above=0)
+        _validate.number("numerics.S", self.S, least=0)
+        _validate.choice("numerics.scheme", self.scheme, SCHEMES)
+        if self.start_S is not None:
+            _validate.number("numerics.start_S", self.start_S, least=0)
+        _validate.number("numerics.spacing", self.spacing, above=0)
+        _validate.choice("numerics.order", self.order, (2, 4, 6))
+        _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
+        _validate.number("numerics.box_tolerance", self.box_tolerance, above=0, most=0.1)
+        _validate.choice("numerics.precision", self.precision, PRECISIONS)
+        _validate.choice("numerics.transform", self.transform, TRANSFORMS)
+        _validate.integer("numerics.threads", self.threads, least=0)
+        _validate.integer("numerics.seed", self.seed, least=0)
+
+    @property
+    def worker_count(self) -> int:
+        """Number of threads to use: `threads`, or the processors available to this process."""
+        if self.threads:
+            return self.threads
+        if hasattr(os, "sched_getaffinity"):
+            return len(os.sched_getaffinity(0))
+        return os.cpu_count() or 1

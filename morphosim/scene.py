@@ -1,0 +1,218 @@
+"""What is modelled: cells, their physics and confinement, and how they are solved."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from morphosim import _validate
+from morphosim.confinement import Confinement
+from morphosim.numerics import Numerics
+from morphosim.physics import Physics
+from morphosim.shapes import Field, PowerCell, Shape
+
+VolumeFunction = Callable[[float], float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VolumeCourse:
+    """Target volume that is linear between given times and constant beyond them.
+
+    Attributes
+    ----------
+    times : increasing *in silico* times
+    volumes : µm³ at these times
+    """
+
+    times: Sequence[float]
+    volumes: Sequence[float]
+
+    def __post_init__(self) -> None:
+        times = _validate.array("volume.times", self.times, (None,))
+        volumes = _validate.array("volume.volumes", self.volumes, (len(times),))
+        if len(times) == 0 or not (np.diff(times) > 0).all():
+            message = f"volume.times = {list(self.times)}: expected increasing times"
+            raise ValueError(message)
+        for value in volumes:
+            _validate.number("volume.volumes", value, above=0)
+
+    def __call__(self, time: float) -> float:
+        """Target volume in µm³ at `time`."""
+        return float(np.interp(time, self.times, self.volumes))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One cell at the start of a scene.
+
+    Attributes
+    ----------
+    name : str
+    shape : Shape
+        Sphere, Ellipsoid, Mask or Field (or a cell of a power partition).
+    volume : float or function of time, optional
+        Target volume V(t) in µm³; by default the volume of the shape.
+    type : str
+        Cell type, for attraction by type.
+    gamma : float, optional
+        Surface tension of this cell; by default that of `Physics`.
+    frozen : bool
+        A frozen cell acts on others and is not stepped.
+
+    Raises
+    ------
+    ValueError
+        The name is empty, or volume or gamma is not positive.
+    """
+
+    name: str
+    shape: Shape | Field
+    volume: float | VolumeFunction | None = None
+    type: str = ""
+    gamma: float | None = None
+    frozen: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            message = f"cell name = {self.name!r}; expected a text that is not empty"
+            raise ValueError(message)
+        if not callable(getattr(self.shape, "bounds", None)):
+            message = f"cell {self.name!r}: shape = {self.shape!r} is not a shape"
+            raise TypeError(message)
+        if self.gamma is not None:
+            _validate.number(f"cell {self.name!r}: gamma", self.gamma, above=0)
+        self.target_volume(0.0)
+
+    def target_volume(self, time: float) -> float:
+        """V(t) in µm³; raises ValueError if it is not positive and finite."""
+        if self.volume is None:
+            value = self.shape.volume
+        elif callable(self.volume):
+            value = self.volume(time)
+        else:
+            value = self.volume
+        return _validate.number(f"cell {self.name!r}: volume at t = {time:g}", value, above=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """Everything a simulation starts from.
+
+    Attributes
+    ----------
+    cells : sequence of Cell
+    physics : Physics
+    numerics : Numerics
+    confinement : Confinement or None
+        None is open space.
+    duration : float
+        *In silico* time at which a run ends.
+    save_every : float
+        *In silico* time between two saves.
+    name, description : str
+
+    Raises
+    ------
+    ValueError
+        No cells, duplicate names, or attraction between cells or types that do not exist.
+    """
+
+    cells: Sequence[Cell]
+    physics: Physics = field(default_factory=Physics)
+    numerics: Numerics = field(default_factory=Numerics)
+    confinement: Confinement | None = None
+    duration: float = 100.0
+    save_every: float = 100.0
+    name: str = "scene"
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", tuple(self.cells))
+        if not self.cells:
+            message = "scene.cells is empty; a scene needs at least one cell"
+            raise ValueError(message)
+        _validate.unique("cell name", self.names)
+        _validate.number("scene.duration", self.duration, least=0)
+        _validate.number("scene.save_every", self.save_every, above=0)
+        self.physics.attraction.check_names(self.names, self.types)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cells, in order."""
+        return [cell.name for cell in self.cells]
+
+    @property
+    def types(self) -> list[str]:
+        """Types of the cells, in order."""
+        return [cell.type for cell in self.cells]
+
+    @classmethod
+    def from_points(
+        cls,
+        names: Sequence[str],
+        positions: ArrayLike,
+        volumes: ArrayLike,
+        confinement: Confinement | None = None,
+        **options: Any,
+    ) -> "Scene":
+        """Scene whose cells fill the confinement as its power partition at the given volumes.
+
+        Parameters
+        ----------
+        names : N names
+        positions : (N, 3) µm, for example of nuclei
+        volumes : (N,) µm³
+        confinement : Confinement or None
+        **options
+            Other fields of `Scene`.
+
+        Raises
+        ------
+        ValueError
+            A position lies outside the confinement, or the volumes do not fit into it.
+        """
+        cells = [
+            Cell(name=name, shape=shape)
+            for name, shape in zip(
+                names, power_cells(names, positions, volumes, confinement), strict=True
+            )
+        ]
+        return cls(cells=cells, confinement=confinement, **options)
+
+    def with_numerics(self, **changes: Any) -> "Scene":
+        """Copy of the scene with some numerical parameters changed."""
+        return replace(self, numerics=replace(self.numerics, **changes))
+
+    def with_physics(self, **changes: Any) -> "Scene":
+        """Copy of the scene with some physical parameters changed."""
+        return replace(self, physics=replace(self.physics, **changes))
+
+
+def power_cells(
+    names: Sequence[str],
+    positions: ArrayLike,
+    volumes: ArrayLike,
+    confinement: Confinement | None,
+) -> list[PowerCell]:
+    """Shapes of the cells of a power partition; see `Scene.from_points`."""
+    from morphosim.partition import power_partition
+
+    points = _validate.array("positions", positions, (len(names), 3))
+    wanted = _validate.array("volumes", volumes, (len(names),))
+    lower, upper = confinement.bounds() if confinement is not None else (None, None)
+    partition = power_partition(
+        points, wanted, None if confinement is None else _inside(confinement), lower, upper
+    )
+    return [
+        PowerCell(partition=partition, cell=i, volume=float(v), confinement=confinement)
+        for i, v in enumerate(wanted)
+    ]
+
+
+def _inside(confinement: Confinement) -> Callable[[Any, Any, Any], Any]:
+    def inside(x: Any, y: Any, z: Any) -> Any:
+        return confinement.depth(x, y, z) > 0
+
+    return inside
