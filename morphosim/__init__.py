@@ -1,1 +1,82 @@
-"""MorphoSim."""
+"""MorphoSim: phase-field simulation of multicellular shapes.
+
+Every cell is a smooth field in its own moving box, with surface tension, volume, adhesion and
+motion. The public names below are loaded when they are first used.
+
+Examples
+--------
+>>> from morphosim import built_in_scene, Simulation
+>>> simulation = Simulation(built_in_scene("single-cell"))
+>>> simulation.run(until=20)
+"""
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+_EXPORTS = {
+    "Attraction": "attraction",
+    "BoxWalls": "confinement",
+    "EllipsoidShell": "confinement",
+    "FunctionWalls": "confinement",
+    "MaskWalls": "confinement",
+    "contact_areas": "contacts",
+    "touching": "contacts",
+    "CellVanishedError": "errors",
+    "DivergenceError": "errors",
+    "built_in_scene": "library",
+    "scene_names": "library",
+    "import_matlab": "matlab",
+    "Numerics": "numerics",
+    "RunWriter": "output",
+    "load_fields": "output",
+    "open_run": "output",
+    "Physics": "physics",
+    "ProgressBar": "progress",
+    "Cell": "scene",
+    "Scene": "scene",
+    "VolumeCourse": "scene",
+    "load_scene": "scenefile",
+    "save_scene": "scenefile",
+    "Ellipsoid": "shapes",
+    "Field": "shapes",
+    "Mask": "shapes",
+    "Sphere": "shapes",
+    "Simulation": "simulation",
+}
+
+if TYPE_CHECKING:
+    from morphosim.attraction import Attraction
+    from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
+    from morphosim.contacts import contact_areas, touching
+    from morphosim.errors import CellVanishedError, DivergenceError
+    from morphosim.library import built_in_scene, scene_names
+    from morphosim.matlab import import_matlab
+    from morphosim.numerics import Numerics
+    from morphosim.output import RunWriter, load_fields, open_run
+    from morphosim.physics import Physics
+    from morphosim.progress import ProgressBar
+    from morphosim.scene import Cell, Scene, VolumeCourse
+    from morphosim.scenefile import load_scene, save_scene
+    from morphosim.shapes import Ellipsoid, Field, Mask, Sphere
+    from morphosim.simulation import Simulation
+
+__version__ = version("morphosim")
+__all__ = [
+    "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
+    "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Numerics", "Physics",
+    "ProgressBar", "RunWriter", "Scene", "Simulation", "Sphere", "VolumeCourse",
+    "__version__", "built_in_scene", "contact_areas", "import_matlab", "load_fields",
+    "load_scene", "open_run", "save_scene", "scene_names", "touching",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _EXPORTS:
+        message = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(message)
+    return getattr(import_module(f"{__name__}.{_EXPORTS[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -22,14 +22,15 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 Inside: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], npt.ArrayLike]
 
 _CLOSEST_UM = 1e-6  # two points closer than this coincide
-_MAX_SAMPLES = 20_000_000  # of the confinement's lattice
+_MAX_SAMPLES = 20_000_000  # of the lattice in the box
 _SLAB_SAMPLES = 1_000_000  # given to `inside` in one call
-_HALF_WIDTH = 2.0  # of the smoothed cell edge, in lattice spacings
-_SAMPLES_PER_RADIUS = 6.0  # below this the lattice is refined around a cell
+_SAMPLES_PER_RADIUS = 8.0  # at least, of a cell's lattice
 _MAX_SAMPLES_PER_RADIUS = 40.0  # in open space
+_HALF_WIDTH = 2.0  # of the smoothed cell edge, in lattice spacings
+_BLOCK = 4  # samples along each side of the blocks that locate a cell
+_SPLIT = 4  # samples along each side of a voxel at the wall
 _SHIFTS = (0.7548776662466927, 0.5698402909980532)  # 1/r and 1/r^2 with r^3 = r + 1
-_SPLIT = 4  # of a voxel at the wall, along each axis
-_COARSE_STEPS, _MAX_STEPS, _MAX_HALVINGS = 30, 100, 20
+_COARSE_TOLERANCE, _COARSE_STEPS, _MAX_STEPS, _MAX_CUTS = 5e-3, 30, 100, 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,43 +80,60 @@ class PowerPartition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Lattice:
-    """Sample points at voxel centres; ``fraction`` is the confinement's part of each voxel."""
+    """Sample points at voxel centres; ``share`` is the confinement's part of each voxel."""
 
     lower: FloatArray  # (3,) um
     spacing: FloatArray  # (3,) um
-    fraction: FloatArray | None  # (nx, ny, nz); None: open space
+    share: FloatArray | None  # (nx, ny, nz); None: open space
 
     @property
     def capacity(self) -> float:
         """Volume of the confinement, in um^3."""
-        if self.fraction is None:
+        if self.share is None:
             return float("inf")
-        return float(self.fraction.sum() * self.spacing.prod())
+        return float(self.share.sum() * self.spacing.prod())
 
     def coarsened(self) -> _Lattice:
         """Return the lattice of twice the spacing and of the same capacity."""
-        merged = self.fraction
+        merged = self.share
         if merged is not None:
             merged = np.pad(merged, [(0, size % 2) for size in merged.shape])
             nx, ny, nz = (size // 2 for size in merged.shape)
-            merged = merged.reshape(nx, 2, ny, 2, nz, 2).mean(axis=(1, 3, 5))
-        return _Lattice(lower=self.lower, spacing=2 * self.spacing, fraction=merged)
+            merged = _sharpened(merged.reshape(nx, 2, ny, 2, nz, 2).mean(axis=(1, 3, 5)), 1 / 32)
+        return _Lattice(lower=self.lower, spacing=2 * self.spacing, share=merged)
 
-    def around(
-        self, centre: FloatArray, reach: float, refine: int
-    ) -> tuple[tuple[FloatArray, ...], FloatArray]:
-        """Return open coordinate axes around a point, and the volume (um^3) of each sample."""
-        step = self.spacing / refine
-        first = np.floor((centre - reach - self.lower) / step).astype(int)
-        last = np.ceil((centre + reach - self.lower) / step).astype(int)
-        if self.fraction is not None:
-            size = refine * np.array(self.fraction.shape)
-            first, last = np.clip(first, 0, size), np.clip(last, 0, size)
-        index = np.ix_(*(np.arange(a, b) for a, b in zip(first, last, strict=True)))
-        axes = tuple(self.lower[k] + (index[k] + 0.5) * step[k] for k in range(3))
-        if self.fraction is None:
-            return axes, np.full((1, 1, 1), step.prod())
-        return axes, self.fraction[tuple(i // refine for i in index)] * step.prod()
+    def span(self, centre: FloatArray, reach: float) -> tuple[IntArray, IntArray]:
+        """Return the first index, and the one after the last, of the samples around a point."""
+        first = np.floor((centre - reach - self.lower) / self.spacing).astype(np.int64)
+        last = np.ceil((centre + reach - self.lower) / self.spacing).astype(np.int64)
+        if self.share is None:
+            return first, last
+        return np.clip(first, 0, self.share.shape), np.clip(last, 0, self.share.shape)
+
+    def axes(self, first: IntArray, last: IntArray, stride: int = 1) -> tuple[FloatArray, ...]:
+        """Return coordinates (um) of samples, or of centres of blocks, as broadcastable arrays."""
+        index = np.ix_(*(np.arange(a, b, stride) for a, b in zip(first, last, strict=True)))
+        return tuple(
+            low + (i + 0.5 * stride) * step
+            for low, step, i in zip(self.lower, self.spacing, index, strict=True)
+        )
+
+    def mass(self, first: IntArray, last: IntArray) -> FloatArray:
+        """Return the volume (um^3) that each sample stands for, of broadcastable shape."""
+        volume = self.spacing.prod()
+        if self.share is None:
+            return np.full((1, 1, 1), volume)
+        window = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+        return np.asarray(self.share[window] * volume)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Problem:
+    """Cells, their volumes, and the lattice that measures each."""
+
+    points: FloatArray  # (N, 3) um
+    volumes: FloatArray  # (N,) um^3
+    lattices: list[_Lattice]
 
 
 def power_partition(
@@ -169,12 +187,14 @@ def power_partition(
     points, volumes = _checked_cells(points, volumes)
     _check_positive("spacing", spacing)
     _check_positive("tolerance", tolerance)
-    lattice = _make_lattice(points, volumes, inside, lower, upper, spacing)
-    _check_capacity(volumes, lattice.capacity)
-    coarse = lattice.coarsened()
-    weights = _radii(volumes) ** 2
-    weights, _ = _solve(points, volumes, weights, coarse, 0.02, _COARSE_STEPS)
-    weights, reached = _solve(points, volumes, weights, lattice, tolerance / 5, _MAX_STEPS)
+    base = _make_lattice(points, volumes, inside, lower, upper, spacing)
+    _check_capacity(volumes, base.capacity)
+    coarse, fine = (
+        _Problem(points=points, volumes=volumes, lattices=lattices)
+        for lattices in _cell_lattices(volumes, base, spacing)
+    )
+    weights, _ = _solve(coarse, _radii(volumes) ** 2, _COARSE_TOLERANCE, _COARSE_STEPS)
+    weights, reached = _solve(fine, weights, tolerance / 5, _MAX_STEPS)
     _check_reached(volumes, reached, tolerance, spacing)
     return PowerPartition(points=points, weights=weights)
 
@@ -220,7 +240,7 @@ def _faces(
 
 
 def _measure(
-    points: FloatArray, weights: FloatArray, cell: int, lattice: _Lattice, refine: int
+    points: FloatArray, weights: FloatArray, cell: int, lattice: _Lattice
 ) -> tuple[float, FloatArray]:
     """Return a cell's volume (um^3) and its face area (um^2) towards each cell, shape (N,).
 
@@ -228,27 +248,44 @@ def _measure(
     integral of the kernel ``15/32 (7 u^4 - 10 u^2 + 3)``. The kernel's second moment is zero, so
     curved faces, edges and corners do not bias the volume.
     """
-    width = _HALF_WIDTH * float(lattice.spacing.max()) / refine
     if weights[cell] <= 0:
         return 0.0, np.zeros(len(points))
-    reach = float(np.sqrt(weights[cell])) + width
-    axes, mass = lattice.around(points[cell], reach, refine)
-    depth, nearest = _depth(points, weights, cell, axes)
+    width = _HALF_WIDTH * float(lattice.spacing.max())
+    first, last = _window(points, weights, cell, lattice, width)
+    mass = lattice.mass(first, last)
+    depth, nearest = _depth(points, weights, cell, lattice.axes(first, last))
     u = np.clip(depth / width, -1, 1)
-    occupancy = 0.5 + u * (45 - 50 * u**2 + 21 * u**4) / 32
+    volume = np.sum(mass * (0.5 + u * (45 - 50 * u**2 + 21 * u**4) / 32))
     edge = np.abs(u) < 1
-    density = (mass * np.ones_like(u))[edge] * (15 / 32) * (7 * u[edge] ** 4 - 10 * u[edge] ** 2 + 3)
-    area = np.bincount(nearest[edge], weights=density / width, minlength=len(points))
-    return float((mass * occupancy).sum()), area
+    u, mass = u[edge], np.broadcast_to(mass, edge.shape)[edge]
+    density = mass * (15 / 32) * (7 * u**4 - 10 * u**2 + 3) / width
+    return float(volume), np.bincount(nearest[edge], weights=density, minlength=len(points))
+
+
+def _window(
+    points: FloatArray, weights: FloatArray, cell: int, lattice: _Lattice, width: float
+) -> tuple[IntArray, IntArray]:
+    """Return the index range of the samples within ``width`` (um) of a cell.
+
+    Depth changes by at most the distance, so its value at a block's centre bounds it in the block.
+    """
+    first, last = lattice.span(points[cell], float(np.sqrt(weights[cell])) + width)
+    depth, _ = _depth(points, weights, cell, lattice.axes(first, last, _BLOCK))
+    near = np.argwhere(depth > -width - 0.5 * _BLOCK * np.linalg.norm(lattice.spacing))
+    if not len(near):
+        return first, first
+    return (
+        first + _BLOCK * near.min(axis=0),
+        np.minimum(first + _BLOCK * (near.max(axis=0) + 1), last),
+    )
 
 
 def _volumes_and_stiffness(
-    points: FloatArray, volumes: FloatArray, weights: FloatArray, lattice: _Lattice
+    problem: _Problem, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the volumes reached (um^3) and their derivative by the weights, (N, N) in um."""
-    samples = _radii(volumes) / lattice.spacing.max()
-    refine = np.maximum(1, np.ceil(_SAMPLES_PER_RADIUS / samples)).astype(int)
-    measured = [_measure(points, weights, i, lattice, int(refine[i])) for i in range(len(points))]
+    points = problem.points
+    measured = [_measure(points, weights, i, own) for i, own in enumerate(problem.lattices)]
     reached = np.array([volume for volume, _ in measured])
     area = np.array([row for _, row in measured])
     distance = cdist(points, points)
@@ -259,51 +296,54 @@ def _volumes_and_stiffness(
 
 
 def _solve(
-    points: FloatArray,
-    volumes: FloatArray,
-    weights: FloatArray,
-    lattice: _Lattice,
-    tolerance: float,
-    max_steps: int,
+    problem: _Problem, weights: FloatArray, tolerance: float, max_steps: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the weights (um^2) that give the volumes, and the volumes reached (um^3).
 
     Newton's method on the concave dual. Far from the solution a diagonal term, scaled by a ball's
     derivative 2 pi R of volume by weight, lets cells without volume grow.
     """
-    reached, stiffness = _volumes_and_stiffness(points, volumes, weights, lattice)
+    volumes = problem.volumes
+    reached, stiffness = _volumes_and_stiffness(problem, weights)
     for _ in range(max_steps):
         error = np.abs(volumes - reached) / volumes
         if error.max() <= tolerance:
             break
         damping = 0.1 * min(1.0, float(error.max())) * 2 * np.pi * _radii(volumes)
         step = np.linalg.solve(stiffness + np.diag(damping), volumes - reached)
-        weights, reached, stiffness = _line_search(points, volumes, weights, reached, step, lattice)
+        weights, reached, stiffness = _line_search(problem, weights, volumes - reached, step)
     return weights, reached
 
 
 def _line_search(
-    points: FloatArray,
-    volumes: FloatArray,
-    weights: FloatArray,
-    reached: FloatArray,
-    step: FloatArray,
-    lattice: _Lattice,
+    problem: _Problem, weights: FloatArray, gradient: FloatArray, step: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Shorten a step until it does not go far beyond the dual's maximum along it.
 
-    ``volumes - reached`` is the dual's gradient, and the dual is concave: the slope along the step
-    only falls.
+    The gradient is the volume missing. The dual is concave: the slope along the step only falls.
     """
-    slope, scale = float((volumes - reached) @ step), 1.0
-    for _ in range(_MAX_HALVINGS):
+    slope, scale = float(gradient @ step), 1.0
+    for _ in range(_MAX_CUTS):
         trial = weights + scale * step
-        measured, stiffness = _volumes_and_stiffness(points, volumes, trial, lattice)
-        trial_slope = float((volumes - measured) @ step)
+        reached, stiffness = _volumes_and_stiffness(problem, trial)
+        trial_slope = float((problem.volumes - reached) @ step)
         if trial_slope >= -0.5 * slope:
             break
         scale *= max(0.1, slope / (slope - trial_slope))
-    return trial, measured, stiffness
+    return trial, reached, stiffness
+
+
+def _cell_lattices(
+    volumes: FloatArray, base: _Lattice, spacing: float
+) -> tuple[list[_Lattice], list[_Lattice]]:
+    """Return each cell's lattice for a first solution, and its finer one for the final one."""
+    wanted = np.minimum(spacing, _radii(volumes) / _SAMPLES_PER_RADIUS)
+    ratio = np.maximum(wanted / base.spacing.max(), 1.0)
+    level = np.floor(np.log2(ratio)).astype(int)
+    lattices = [base]
+    for _ in range(int(level.max()) + 1):
+        lattices.append(lattices[-1].coarsened())
+    return [lattices[k + 1] for k in level], [lattices[k] for k in level]
 
 
 def _make_lattice(
@@ -314,22 +354,39 @@ def _make_lattice(
     upper: npt.ArrayLike | None,
     spacing: float,
 ) -> _Lattice:
-    """Return the lattice that samples the box, or unbounded open space."""
+    """Return the finest lattice that a cell needs, in the box or in open space."""
+    radii = _radii(volumes)
+    finest = min(spacing, float(radii.min()) / _SAMPLES_PER_RADIUS)
     if inside is None and lower is None and upper is None:
-        step = max(spacing, float(_radii(volumes).max()) / _MAX_SAMPLES_PER_RADIUS)
-        return _Lattice(lower=np.zeros(3), spacing=np.full(3, step), fraction=None)
+        finest = max(finest, float(radii.max()) / _MAX_SAMPLES_PER_RADIUS)
+        return _Lattice(lower=np.zeros(3), spacing=np.full(3, finest), share=None)
     margin = 2 * _radii(volumes.sum())
     low = _checked_corner("lower", lower, points.min(axis=0) - margin)
     high = _checked_corner("upper", upper, points.max(axis=0) + margin)
-    _check_box(points, low, high)
-    shape = np.ceil((high - low) / spacing - 1e-9)
-    _check_samples(shape, spacing)
+    _check_box(points, low, high, spacing)
+    finest = max(finest, float(np.cbrt(np.prod(high - low) / _MAX_SAMPLES)))
+    shape = np.ceil((high - low) / finest - 1e-9).astype(int)
     step = (high - low) / shape
-    fraction = np.ones(shape.astype(int))
-    if inside is not None:
-        _check_inside(points, inside)
-        fraction = _fractions(inside, low, step, fraction.shape)
-    return _Lattice(lower=low, spacing=step, fraction=fraction)
+    if inside is None:
+        return _Lattice(lower=low, spacing=step, share=np.ones(shape))
+    _check_inside(points, inside)
+    share = _sharpened(_fractions(inside, low, step, tuple(shape)), 1 / 24)
+    return _Lattice(lower=low, spacing=step, share=share)
+
+
+def _sharpened(mean: FloatArray, factor: float) -> FloatArray:
+    """Return voxel means minus ``factor`` times their second differences; the sum is kept.
+
+    The factor 1/24 makes voxel means into values at voxel centres, to fourth order. The mean of
+    eight such values needs another 1/32 of the second differences over twice the spacing.
+    """
+    sharp = mean.copy()
+    for axis in range(3):
+        change = factor * np.diff(mean, axis=axis)
+        values = np.moveaxis(sharp, axis, 0)
+        values[:-1] -= np.moveaxis(change, axis, 0)
+        values[1:] += np.moveaxis(change, axis, 0)
+    return sharp
 
 
 def _fractions(
@@ -340,7 +397,9 @@ def _fractions(
     slabs = np.array_split(np.arange(shape[0]), fraction.size // _SLAB_SAMPLES + 1)
     for slab in (slab for slab in slabs if slab.size):
         index = np.ix_(slab, np.arange(shape[1]), np.arange(shape[2]))
-        fraction[slab] = _evaluate(inside, *(lower[k] + (index[k] + 0.5) * step[k] for k in range(3)))
+        fraction[slab] = _evaluate(
+            inside, *(lower[k] + (index[k] + 0.5) * step[k] for k in range(3))
+        )
     wall = np.nonzero(_wall(fraction))
     fraction[wall] = 0.0
     for part in np.ndindex(_SPLIT, _SPLIT, _SPLIT):
@@ -377,9 +436,7 @@ def _evaluate(inside: Inside, x: FloatArray, y: FloatArray, z: FloatArray) -> Fl
     return value
 
 
-def _checked_cells(
-    points: npt.ArrayLike, volumes: npt.ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def _checked_cells(points: npt.ArrayLike, volumes: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return points and volumes as arrays of matching shapes, checked."""
     point_array = np.array(points, dtype=float)
     volume_array = np.array(volumes, dtype=float)
@@ -427,15 +484,19 @@ def _checked_corner(name: str, value: npt.ArrayLike | None, default: FloatArray)
     return corner
 
 
-def _check_box(points: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-    """Raise ValueError unless the box has a volume and contains the points."""
-    if not (lower < upper).all():
-        message = f"lower is {_position(lower)} and upper {_position(upper)}; lower must be less"
-        raise ValueError(message)
-    for i in np.flatnonzero(((points < lower) | (points > upper)).any(axis=1)):
+def _check_box(points: FloatArray, lower: FloatArray, upper: FloatArray, spacing: float) -> None:
+    """Raise ValueError unless the box contains the points and its lattice fits in memory."""
+    for i in np.flatnonzero(~((lower < points) & (points < upper)).all(axis=1)):
         message = (
-            f"point {i} at {_position(points[i])} is outside the box from {_position(lower)} "
-            f"to {_position(upper)}; move it, or change lower or upper"
+            f"point {i} at {_position(points[i])} is outside the box from lower {_position(lower)} "
+            f"to upper {_position(upper)}; move the point, or change lower or upper"
+        )
+        raise ValueError(message)
+    samples = np.prod((upper - lower) / spacing)
+    if samples > _MAX_SAMPLES:
+        message = (
+            f"spacing {spacing:g} um makes {samples:.3g} samples of the box; at most "
+            f"{_MAX_SAMPLES:.3g} are allowed; increase spacing, or give closer lower and upper"
         )
         raise ValueError(message)
 
@@ -446,16 +507,6 @@ def _check_inside(points: FloatArray, inside: Inside) -> None:
         message = (
             f"point {i} at {_position(points[i])} is outside the confinement; "
             "move it in, or check the confinement's place and units (um)"
-        )
-        raise ValueError(message)
-
-
-def _check_samples(shape: FloatArray, spacing: float) -> None:
-    """Raise ValueError if the lattice would not fit in memory."""
-    if shape.prod() > _MAX_SAMPLES:
-        message = (
-            f"spacing {spacing:g} um makes {shape.prod():.3g} samples of the box; at most "
-            f"{_MAX_SAMPLES:.3g} are allowed; increase spacing, or give a smaller lower-upper box"
         )
         raise ValueError(message)
 

@@ -13,6 +13,7 @@ from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.shapes import Field, PowerCell, Shape
 
+ON_VANISH = ("stop", "remove", "ignore")
 VolumeFunction = Callable[[float], float]
 
 
@@ -111,6 +112,8 @@ class Scene:
         *In silico* time at which a run ends.
     save_every : float
         *In silico* time between two saves.
+    on_vanish : {"stop", "remove", "ignore"}
+        What happens when a cell is below 1/2 everywhere.
     name, description : str
 
     Raises
@@ -125,6 +128,7 @@ class Scene:
     confinement: Confinement | None = None
     duration: float = 100.0
     save_every: float = 100.0
+    on_vanish: str = "stop"
     name: str = "scene"
     description: str = ""
 
@@ -136,6 +140,7 @@ class Scene:
         _validate.unique("cell name", self.names)
         _validate.number("scene.duration", self.duration, least=0)
         _validate.number("scene.save_every", self.save_every, above=0)
+        _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
         self.physics.attraction.check_names(self.names, self.types)
 
     @property

@@ -1,0 +1,201 @@
+"""Command line: `morphosim COMMAND --help` tells what each command takes."""
+
+import json
+import sys
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from morphosim.progress import ProgressBar
+    from morphosim.scene import Scene
+    from morphosim.simulation import Simulation
+
+app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=False)
+INPUT_ERROR, RUN_ERROR, INTERRUPTED = 2, 1, 130
+
+
+@app.command()
+def scenes() -> None:
+    """List the built-in scenes."""
+    from morphosim.library import built_in_scene, scene_names
+
+    for name in scene_names():
+        typer.echo(f"{name:18} {built_in_scene(name).description}")
+
+
+@app.command()
+def run(
+    scene: Annotated[str, typer.Argument(help="built-in scene, scene file, or its directory")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="directory of the run")],
+    until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
+    dt: Annotated[float | None, typer.Option(help="time step")] = None,
+    save_every: Annotated[float | None, typer.Option(help="time between saves")] = None,
+    threads: Annotated[int | None, typer.Option(help="number of threads")] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="any value of the scene, as physics.gamma=0.3; repeatable"),
+    ] = None,
+) -> None:
+    """Simulate a scene and save the run."""
+    from morphosim.library import find_scene
+
+    overrides = _overrides(set_ or [])
+    for key, value in (
+        ("duration", until), ("numerics.dt", dt), ("save_every", save_every),
+        ("numerics.threads", threads),
+    ):  # fmt: skip
+        if value is not None:
+            overrides[key] = value
+    _simulate(find_scene(scene, overrides), output)
+
+
+def _overrides(settings: list[str]) -> dict[str, Any]:
+    """Values of `--set key=value`; the value is TOML, or else a plain text."""
+    result = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            message = f"--set {setting!r}: expected key=value, such as physics.gamma=0.3"
+            raise ValueError(message)
+        try:
+            result[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            result[key.strip()] = text
+    return result
+
+
+def _simulate(scene: "Scene", output: Path) -> None:
+    """Run a scene with output and progress; end with a summary, whatever happens."""
+    from morphosim.errors import SimulationError
+    from morphosim.output import RunWriter
+    from morphosim.progress import ProgressBar
+    from morphosim.scenefile import save_scene
+    from morphosim.simulation import Simulation
+
+    simulation = Simulation(scene)
+    writer = RunWriter(output, scene.save_every)
+    save_scene(scene, output / "scene.toml")
+    bar = ProgressBar(scene.duration)
+    status = 0
+    try:
+        simulation.run(observers=[writer, bar])
+    except KeyboardInterrupt:
+        typer.echo(f"interrupted at t = {simulation.time:g}; saved", err=True)
+        status = INTERRUPTED
+    except SimulationError as error:
+        typer.echo(f"error: {error}. The last state is saved", err=True)
+        status = RUN_ERROR
+    typer.echo(_summary(simulation, bar, output))
+    raise typer.Exit(status)
+
+
+def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
+    """Volumes, certificate and speed of a run."""
+    engine = simulation.engine
+    lines = [f"{'cell':10} {'volume':>10} {'target':>10}  um3   face |phi|   lost um3"]
+    rows = zip(
+        simulation.names, simulation.volumes, simulation.targets, engine.face_peak,
+        engine.lost_volume, strict=True,
+    )  # fmt: skip
+    shown = 20
+    for name, volume, target, peak, lost in list(rows)[:shown]:
+        lines.append(f"{name:10} {volume:10.1f} {target:10.1f} {peak:15.1e} {lost:10.2g}")
+    if len(simulation.cells) > shown:
+        lines.append(f"... and {len(simulation.cells) - shown} cells more")
+    if bar.steps:
+        speed = 1e3 * bar.seconds / bar.steps
+        lines.append(
+            f"t = {simulation.time:g} in {bar.seconds:.1f} s: {speed:.2f} ms per step on "
+            f"{engine.workers} threads (first step, with compilation: {bar.first_step:.1f} s)"
+        )
+    lines.append(f"saved in {output}")
+    return "\n".join(lines)
+
+
+@app.command()
+def info(
+    directory: Annotated[Path, typer.Argument(help="directory of a run")],
+) -> None:
+    """Say what a run holds."""
+    from morphosim.output import open_run
+
+    with open_run(directory) as data:
+        times = data["time"].values
+        typer.echo(f"{data.attrs['title']}; {data.attrs['source']}")
+        typer.echo(f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}")
+        typer.echo(f"{'cell':10} {'type':8} {'volume um3':>11}   centroid um")
+        last = data.isel(time=-1)
+        for k, name in enumerate(data["cell"].values):
+            x, y, z = last["centroid"].values[k]
+            volume = float(last["volume"].values[k])
+            kind = data["type"].values[k] or "-"
+            typer.echo(f"{name:10} {kind:8} {volume:11.1f}   {x:.3f} {y:.3f} {z:.3f}")
+
+
+@app.command()
+def contacts(
+    directory: Annotated[Path, typer.Argument(help="directory of a run")],
+    time: Annotated[float | None, typer.Option(help="nearest save; the last by default")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="machine-readable output")] = False,
+) -> None:
+    """List which cells touch, and over what area."""
+    from morphosim.contacts import contact_areas, touching
+    from morphosim.output import load_fields, open_run, time_index
+
+    with open_run(directory) as data:
+        index = time_index(data, time)
+        fields = load_fields(data, index)
+        at = float(data["time"].values[index])
+        areas = contact_areas(fields, float(data.attrs["spacing_um"]))
+    shared = touching(fields)
+    rows = [
+        {"cells": list(pair), "touching_voxels": shared.get(pair, 0), "area_um2": areas.get(pair, 0.0)}
+        for pair in sorted(shared.keys() | areas.keys())
+    ]  # fmt: skip
+    if as_json:
+        typer.echo(json.dumps({"time": at, "contacts": rows}))
+        return
+    typer.echo(f"t = {at:g}: {len(shared)} pairs touch")
+    for row in rows:
+        a, b = row["cells"]
+        mark = "touch" if row["touching_voxels"] else "-"
+        typer.echo(f"{a:10} {b:10} {mark:6} {row['area_um2']:8.1f} um2")
+
+
+@app.command("import-matlab")
+def import_matlab(
+    masks: Annotated[Path, typer.Argument(help=".mat file with Mask or phi_save")],
+    table: Annotated[Path, typer.Option(help="names and attraction: .xls, .xlsx or .csv")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
+    shell: Annotated[Path | None, typer.Option(help=".mat file with PhiShell")] = None,
+    open_space: Annotated[bool, typer.Option("--open", help="no confinement")] = False,
+    target_masks: Annotated[
+        Path | None, typer.Option(help="masks that give the target volumes of a saved state")
+    ] = None,
+    spacing: Annotated[float, typer.Option(help="voxel size, um")] = 0.5,
+) -> None:
+    """Turn the published MATLAB program's files into a scene that `run` takes."""
+    from morphosim.matlab import EGGSHELL
+    from morphosim.matlab import import_matlab as read
+    from morphosim.scenefile import save_scene
+
+    scene = read(
+        masks, table, shell=shell, confinement=None if open_space else EGGSHELL,
+        spacing=spacing, masks_for_volume=target_masks,
+    )  # fmt: skip
+    output.mkdir(parents=True, exist_ok=True)
+    save_scene(scene, output / "scene.toml")
+    typer.echo(f"{len(scene.cells)} cells: {', '.join(scene.names)}")
+    typer.echo(f"scene in {output / 'scene.toml'}")
+
+
+def main() -> None:
+    """Entry point; errors of input are one line, without a traceback."""
+    try:
+        app()
+    except (ValueError, TypeError, OSError, ImportError) as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(INPUT_ERROR)

@@ -1,0 +1,308 @@
+"""Scene files: TOML that says the same as the Python classes.
+
+Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.npz:key".
+"""
+
+import importlib
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphosim import _validate
+from morphosim.attraction import Attraction
+from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
+from morphosim.numerics import Numerics
+from morphosim.physics import Physics
+from morphosim.scene import Cell, Scene, VolumeCourse, power_cells
+from morphosim.shapes import Ellipsoid, Field, Mask, PowerCell, Sphere
+
+SHAPES: dict[str, type] = {"sphere": Sphere, "ellipsoid": Ellipsoid, "mask": Mask, "field": Field}
+CONFINEMENTS: dict[str, type] = {
+    "ellipsoid": EllipsoidShell,
+    "box": BoxWalls,
+    "mask": MaskWalls,
+    "function": FunctionWalls,
+}
+_ARRAYS = ("mask", "phi", "inside")
+_SCALARS = ("name", "description", "duration", "save_every", "on_vanish")
+_TABLES = ("physics", "numerics", "confinement", "cells")
+
+
+def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : path of a TOML file
+    overrides : mapping, optional
+        Values by dotted key, such as {"physics.gamma": 0.3}, that replace those of the file.
+
+    Raises
+    ------
+    FileNotFoundError
+        The file, or an array file that it names, does not exist.
+    ValueError
+        The file is not TOML, has a key that is not known, or a value that is not allowed.
+    """
+    path = Path(path)
+    if not path.exists():
+        message = f"scene file {path} does not exist"
+        raise FileNotFoundError(message)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        message = f"{path} is not a TOML file: {error}"
+        raise ValueError(message) from error
+    for key, value in (overrides or {}).items():
+        _override(table, key, value)
+    return scene_from_table({"name": path.stem} | table, path.parent)
+
+
+def _override(table: dict[str, Any], key: str, value: Any) -> None:
+    *parents, last = key.split(".")
+    for parent in parents:
+        table = table.setdefault(parent, {})
+        if not isinstance(table, dict):
+            message = f"cannot set {key}: {parent} is not a table"
+            raise ValueError(message)
+    table[last] = value
+
+
+def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
+    """Scene from the content of a scene file; array files are looked up in `folder`."""
+    _validate.keys("the scene", table, (*_SCALARS, *_TABLES))
+    rows = table.get("cells", [])
+    for k, row in enumerate(rows):
+        _validate.keys(f"cells[{k}]", row, _names(Cell))
+    confinement = _confinement(table.get("confinement"), folder)
+    shapes = _shapes(rows, confinement, folder)
+    return Scene(
+        cells=[_cell(row, shape) for row, shape in zip(rows, shapes, strict=True)],
+        physics=_physics(table.get("physics", {})),
+        numerics=_build(Numerics, table.get("numerics", {}), "numerics"),
+        confinement=confinement,
+        **{key: table[key] for key in _SCALARS if key in table},
+    )
+
+
+def _names(cls: type) -> list[str]:
+    return [f.name for f in fields(cls)]
+
+
+def _build(cls: type, table: Mapping[str, Any], where: str) -> Any:
+    """Instance of a dataclass from a table; unknown and missing keys are errors."""
+    _validate.keys(where, table, _names(cls))
+    try:
+        return cls(**table)
+    except TypeError as error:
+        message = f"{where}: {error}"
+        raise ValueError(message) from error
+
+
+def _physics(table: Mapping[str, Any]) -> Physics:
+    values = dict(table)
+    sigma = values.get("sigma")
+    if isinstance(sigma, Mapping):
+        values["sigma"] = _attraction(sigma)
+    return _build(Physics, values, "physics")
+
+
+def _attraction(table: Mapping[str, Any]) -> Attraction:
+    """Table with `default`, and lists of [from, to, value] in `types` and `pairs`."""
+    _validate.keys("physics.sigma", table, ("default", "types", "pairs"))
+    values: dict[str, Any] = {"default": table.get("default", 0.0)}
+    for key in ("types", "pairs"):
+        values[key] = {}
+        for row in table.get(key, []):
+            if len(row) != 3:
+                message = f"physics.sigma.{key}: {row!r}; expected [from, to, value]"
+                raise ValueError(message)
+            values[key][row[0], row[1]] = row[2]
+    return Attraction(**values)
+
+
+def _typed(
+    table: Mapping[str, Any] | None, kinds: Mapping[str, type], where: str, folder: Path
+) -> Any:
+    """Object named by `kind`, with arrays and functions looked up."""
+    if not isinstance(table, Mapping) or "kind" not in table:
+        message = f"{where} = {table!r}: expected a table with a kind out of {sorted(kinds)}"
+        raise ValueError(message)
+    _validate.choice(f"{where}.kind", table["kind"], kinds)
+    values = {
+        key: _array(value, folder, f"{where}.{key}") if key in _ARRAYS else value
+        for key, value in table.items()
+        if key != "kind"
+    }
+    if isinstance(values.get("function"), str):
+        values["function"] = _function(values["function"], where)
+    return _build(kinds[table["kind"]], values, where)
+
+
+def _array(value: Any, folder: Path, where: str) -> Any:
+    """Array given in the file, or as "file.npz:key"."""
+    if not isinstance(value, str):
+        return np.asarray(value)
+    name, _, key = value.partition(":")
+    path = folder / name
+    if not path.exists():
+        message = f"{where} = {value!r}: {path} does not exist"
+        raise FileNotFoundError(message)
+    with np.load(path, allow_pickle=False) as arrays:
+        _validate.choice(f"{where}: array in {name}", key, arrays.files)
+        return arrays[key]
+
+
+def _function(value: str, where: str) -> Callable[..., Any]:
+    """Function given as "module:name"."""
+    module, _, name = value.partition(":")
+    try:
+        return getattr(importlib.import_module(module), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError, ValueError) as error:
+        message = f"{where}.function = {value!r} cannot be loaded as module:name ({error})"
+        raise ValueError(message) from error
+
+
+def _confinement(table: Mapping[str, Any] | None, folder: Path) -> Any:
+    if table is None or table.get("kind") == "none":
+        return None
+    return _typed(table, CONFINEMENTS, "confinement", folder)
+
+
+def _shapes(rows: list[dict[str, Any]], confinement: Any, folder: Path) -> list[Any]:
+    """Shapes of all cells; those of kind "point" share a power partition."""
+    points = [row for row in rows if _kind(row) == "point"]
+    partition = iter(())
+    if points:
+        for row in points:
+            _validate.keys(f"cell {row.get('name')!r}: shape", row["shape"], ("kind", "position"))
+            if not isinstance(row.get("volume"), int | float):
+                message = f"cell {row.get('name')!r}: a shape of kind 'point' needs a volume"
+                raise ValueError(message)
+        partition = iter(
+            power_cells(
+                [row["name"] for row in points],
+                [row["shape"].get("position") for row in points],
+                [row["volume"] for row in points],
+                confinement,
+            )
+        )
+    return [
+        next(partition)
+        if _kind(row) == "point"
+        else _typed(row.get("shape"), SHAPES, f"cell {row.get('name')!r}: shape", folder)
+        for row in rows
+    ]
+
+
+def _kind(row: Mapping[str, Any]) -> Any:
+    shape = row.get("shape")
+    return shape.get("kind") if isinstance(shape, Mapping) else None
+
+
+def _cell(row: Mapping[str, Any], shape: Any) -> Cell:
+    values = dict(row) | {"shape": shape}
+    if isinstance(row.get("volume"), Mapping):
+        values["volume"] = _build(VolumeCourse, row["volume"], f"cell {row.get('name')!r}: volume")
+    return _build(Cell, values, f"cell {row.get('name')!r}")
+
+
+def save_scene(scene: Scene, path: str | Path) -> None:
+    """Write a scene file, and beside it an .npz file with its arrays if it has any.
+
+    Raises
+    ------
+    ValueError
+        The scene holds a function (volume or confinement) that a file cannot say.
+    """
+    import tomli_w
+
+    path = Path(path)
+    arrays: dict[str, np.ndarray] = {}
+    archive = f"{path.stem}.npz"
+    table = {key: getattr(scene, key) for key in _SCALARS}
+    table["physics"] = _physics_table(scene.physics)
+    table["numerics"] = _plain_table(scene.numerics)
+    if scene.confinement is not None:
+        table["confinement"] = _typed_table(scene.confinement, CONFINEMENTS, arrays, archive, "walls")
+    table["cells"] = [_cell_table(cell, arrays, archive) for cell in scene.cells]
+    if arrays:
+        np.savez_compressed(path.with_name(archive), **arrays)  # type: ignore[arg-type]
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    """Value as TOML can hold it."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    return value
+
+
+def _plain_table(item: Any) -> dict[str, Any]:
+    values = {f.name: getattr(item, f.name) for f in fields(item)}
+    return {name: _plain(value) for name, value in values.items() if value is not None}
+
+
+def _physics_table(physics: Physics) -> dict[str, Any]:
+    sigma = physics.attraction
+    table = _plain_table(physics)
+    table["sigma"] = {"default": sigma.default} | {
+        key: [[j, i, value] for (j, i), value in getattr(sigma, key).items()]
+        for key in ("types", "pairs")
+        if getattr(sigma, key)
+    }
+    return table
+
+
+def _typed_table(
+    item: Any, kinds: Mapping[str, type], arrays: dict[str, np.ndarray], archive: str, key: str
+) -> dict[str, Any]:
+    """Table of a shape or confinement; its array goes into `arrays` under `key`."""
+    kind = next(name for name, cls in kinds.items() if cls is type(item))
+    table: dict[str, Any] = {"kind": kind}
+    for f in fields(item):
+        value = getattr(item, f.name)
+        if f.name in _ARRAYS:
+            arrays[key] = value
+            value = f"{archive}:{key}"
+        elif callable(value):
+            value = _function_name(value)
+        table[f.name] = _plain(value)
+    return table
+
+
+def _function_name(function: Callable[..., Any]) -> str:
+    name = f"{function.__module__}:{function.__qualname__}"
+    if "<" in name or function.__module__ == "__main__":
+        message = f"{function!r} cannot be written to a scene file; use a function of a module"
+        raise ValueError(message)
+    return name
+
+
+def _cell_table(cell: Cell, arrays: dict[str, np.ndarray], archive: str) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": cell.name}
+    if cell.type:
+        table["type"] = cell.type
+    if cell.gamma is not None:
+        table["gamma"] = cell.gamma
+    if cell.frozen:
+        table["frozen"] = True
+    if isinstance(cell.volume, VolumeCourse):
+        table["volume"] = _plain_table(cell.volume)
+    elif callable(cell.volume):
+        message = f"cell {cell.name!r}: a volume function cannot be written; use VolumeCourse"
+        raise ValueError(message)
+    else:
+        table["volume"] = cell.target_volume(0.0)
+    if isinstance(cell.shape, PowerCell):
+        position = cell.shape.partition.points[cell.shape.cell]
+        table["shape"] = {"kind": "point", "position": _plain(position)}
+    else:
+        table["shape"] = _typed_table(cell.shape, SHAPES, arrays, archive, cell.name)
+    return table

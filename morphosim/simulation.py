@@ -1,0 +1,214 @@
+"""A simulation: a scene on its way through time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.engine import RUNAWAY, Engine
+from morphosim.errors import CellVanishedError, DivergenceError
+from morphosim.fields import CellField, centroid
+from morphosim.initial import lattice_field
+from morphosim.scene import Cell, Scene
+
+OUTSIDE_ALLOWED = 0.5
+"""A cell may start with at most this share of its volume beyond the confinement."""
+
+
+class Observer(Protocol):
+    """Something that watches a run: a writer, a progress bar, a user's own function."""
+
+    def start(self, simulation: "Simulation") -> None:
+        """Before the first step of a run."""
+
+    def after_step(self, simulation: "Simulation") -> None:
+        """After every step; return quickly where there is nothing to do."""
+
+    def finish(self, simulation: "Simulation") -> None:
+        """After the last step, also when the run ends by an error or by Ctrl-C."""
+
+
+@dataclass
+class Simulation:
+    """State of a scene at one time.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Attributes
+    ----------
+    cells : list of Cell
+        The cells that are alive, in the order of the engine.
+    engine : Engine
+    removed : list of (time, name)
+        Cells that vanished and were taken out (`Scene.on_vanish = "remove"`).
+
+    Raises
+    ------
+    ValueError
+        A cell starts outside of the confinement, or is too small for the lattice.
+
+    Examples
+    --------
+    >>> from morphosim import Cell, Scene, Simulation, Sphere
+    >>> ball = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=5))
+    >>> simulation = Simulation(Scene(cells=[ball]))
+    >>> simulation.run(until=20)
+    >>> round(float(simulation.volumes[0]))
+    516
+    """
+
+    scene: Scene
+    cells: list[Cell] = field(init=False)
+    engine: Engine = field(init=False)
+    removed: list[tuple[float, str]] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        scene = self.scene
+        self.cells = list(scene.cells)
+        scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
+        fields = [lattice_field(cell, scale, spacing) for cell in self.cells]
+        if scene.confinement is not None:
+            for cell, (origin, phi) in zip(self.cells, fields, strict=True):
+                _check_inside(scene, cell, origin, phi)
+        gamma = [scene.physics.gamma if c.gamma is None else c.gamma for c in self.cells]
+        self.engine = Engine(
+            scene.physics, scene.numerics, scene.confinement, scene.names, scene.types,
+            np.array(gamma), np.array([c.frozen for c in self.cells]), fields,
+        )  # fmt: skip
+        self._set_targets()
+
+    @property
+    def time(self) -> float:
+        """*In silico* time: steps times δt."""
+        return self.engine.steps * self.scene.numerics.dt
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cells that are alive."""
+        return [cell.name for cell in self.cells]
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """∫ φ of each cell, µm³."""
+        return self.engine.volumes
+
+    @property
+    def targets(self) -> NDArray[np.float64]:
+        """Target volumes V(t), µm³."""
+        return np.array([cell.target_volume(self.time) for cell in self.cells])
+
+    @property
+    def fields(self) -> list[CellField]:
+        """The cells' fields: views, valid until the next step."""
+        pool = self.engine.pool
+        return [
+            CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(self.names)
+        ]
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
+        spacing = self.scene.numerics.spacing
+        return np.array([centroid(f, spacing) for f in self.fields])
+
+    def step(self, steps: int = 1) -> None:
+        """Advance by a number of steps of δt.
+
+        Raises
+        ------
+        DivergenceError
+            A field is not finite or runs away. The offending cell keeps the field from before
+            the step.
+        CellVanishedError
+            A cell is below 1/2 everywhere and `Scene.on_vanish` is "stop".
+        """
+        with self.engine.limited_threads():
+            for _ in range(steps):
+                self._step()
+
+    def run(self, until: float | None = None, observers: Sequence[Observer] = ()) -> None:
+        """Advance to a time, by default the scene's duration.
+
+        Parameters
+        ----------
+        until : float, optional
+        observers : sequence of Observer
+            Each is told of the start, of every step and of the end, however the run ends.
+
+        Raises
+        ------
+        DivergenceError, CellVanishedError
+            See `step`.
+        """
+        end = self.scene.duration if until is None else until
+        last = int(np.ceil(end / self.scene.numerics.dt - 1e-9))
+        for observer in observers:
+            observer.start(self)
+        try:
+            with self.engine.limited_threads():
+                while self.engine.steps < last:
+                    self._step()
+                    for observer in observers:
+                        observer.after_step(self)
+        finally:
+            for observer in observers:
+                observer.finish(self)
+
+    def _step(self) -> None:
+        if self._volumes_change:
+            self._set_targets()
+        self.engine.step(self._targets)
+        if (diverged := self.engine.diverged()).size:
+            self._raise_divergence(int(diverged[0]))
+        if (vanished := self.engine.vanished()).size and self.scene.on_vanish != "ignore":
+            self._handle_vanished(vanished)
+
+    def _set_targets(self) -> None:
+        self._targets = self.targets
+        self._volumes_change = any(callable(cell.volume) for cell in self.cells)
+
+    def _raise_divergence(self, i: int) -> None:
+        numerics = self.scene.numerics
+        message = (
+            f"cell {self.names[i]!r} diverged at t = {self.time:g} (step {self.engine.steps}): "
+            f"its field is not finite or exceeds {RUNAWAY:g} in magnitude. It keeps the field of "
+            f"t = {self.time - numerics.dt:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
+            f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces"
+        )
+        raise DivergenceError(message, time=self.time, cell=self.names[i])
+
+    def _handle_vanished(self, vanished: NDArray[np.int64]) -> None:
+        if self.scene.on_vanish == "stop":
+            name = self.names[int(vanished[0])]
+            message = (
+                f"cell {name!r} vanished at t = {self.time:g}: φ < 0.5 everywhere. Try the "
+                "relative volume constraint, a larger physics.c or M, a finer numerics.spacing, "
+                "or scene.on_vanish = 'remove'"
+            )
+            raise CellVanishedError(message, time=self.time, cell=name)
+        for i in vanished[::-1].tolist():
+            self.removed.append((self.time, self.names[i]))
+            self.engine.remove(i)
+            del self.cells[i]
+        self._set_targets()
+
+
+def _check_inside(
+    scene: Scene, cell: Cell, origin: NDArray[np.int64], phi: NDArray[np.floating]
+) -> None:
+    """Raise ValueError if most of a cell lies beyond the confinement."""
+    assert scene.confinement is not None
+    axes = [(o + np.arange(n)) * scene.numerics.spacing for o, n in zip(origin, phi.shape, strict=True)]
+    walls = scene.confinement.field(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    outside = float((phi * (walls > 0.5)).sum() / phi.sum())
+    if outside > OUTSIDE_ALLOWED:
+        message = (
+            f"cell {cell.name!r} starts with {100 * outside:.0f} % of its volume outside of the "
+            f"confinement; at most {100 * OUTSIDE_ALLOWED:.0f} % is allowed. Move the cell, or "
+            "enlarge the confinement"
+        )
+        raise ValueError(message)
