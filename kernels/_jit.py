@@ -14,3 +14,5 @@ kernel = partial(
     njit, error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False, cache=True
 )
 parallel_kernel = partial(kernel, parallel=True)
+inline_kernel = partial(kernel, forceinline=True)
+"""For helpers of inner loops: a call that hands over a dozen arrays costs more than a row does."""

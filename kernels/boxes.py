@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from morphosim.kernels._jit import kernel
+from morphosim.kernels._jit import inline_kernel, kernel
 
-@kernel()
+
+@inline_kernel()
 def row_span(values, first, nz, tolerance):
     """[z0, z1) that holds all |φ| > tolerance of one row; (nz, 0) if there is none."""
     z0 = 0
@@ -18,7 +19,7 @@ def row_span(values, first, nz, tolerance):
     return z0, z1
 
 
-@kernel()
+@inline_kernel()
 def row_sums(values, first, nz, tolerance2, limit2, half):
     """Σ φ and the numbers of points in the band, above one half, and beyond the limit."""
     total = values.dtype.type(0)
@@ -103,7 +104,7 @@ def extents(cells, boxes, out):
                     include(out, k, 2, z0, z1)
 
 
-@kernel()
+@inline_kernel()
 def include(out, k, axis, low, high):
     """Widen out[k, axis] to hold [low, high)."""
     out[k, axis, 0] = min(out[k, axis, 0], low)

@@ -9,11 +9,11 @@ evaluated in the whole box, gradient terms on the band: one span of z per row.
 
 import numpy as np
 
-from morphosim.kernels._jit import kernel
+from morphosim.kernels._jit import inline_kernel, kernel
 from morphosim.kernels.stencils import derivative
 
 
-@kernel()
+@inline_kernel()
 def local_force(phi, start, repulsion, row, force, nz, well, half):
     """Double well and repulsion along one row; `well` is 4 γ c, `half` is 1/2 in phi's type.
 
@@ -27,10 +27,8 @@ def local_force(phi, start, repulsion, row, force, nz, well, half):
         force[z] = total
 
 
-@kernel()
-def gradient_force(
-    phi, start, psi, row, force, z0, z1, sx, sy, c1, c2, c3, pressure, dx, dy, dz
-):
+@inline_kernel()
+def gradient_force(phi, start, psi, row, force, z0, z1, sx, sy, c1, c2, c3, pressure, dx, dy, dz):
     """Add volume constraint, attraction and motility along [z0, z1) of one row."""
     sz = np.uint64(1)
     for z in range(np.uint64(z0), np.uint64(z1)):
@@ -49,7 +47,7 @@ def gradient_force(
         force[z] += total
 
 
-@kernel()
+@inline_kernel()
 def combine(phi, history, start, force, rhs, row, nz, a0, a1, b0, b1):
     """Right-hand side a0 φ + a1 F + H along one row; H becomes b0 φ + b1 F.
 

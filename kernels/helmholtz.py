@@ -20,7 +20,7 @@ def rotate_product(source, target, n, rest, matrix):
 @kernel()
 def cosine_matrix(cosines, n, inverse):
     """View of the n × n matrix [x, k] of the transform, or [k, x] of its inverse."""
-    first = cosines.index[n] + (n * n if inverse else 0)
+    first = cosines.matrix_index[n] + (n * n if inverse else 0)
     return cosines.matrices[first : first + n * n].reshape(n, n)
 
 
@@ -60,7 +60,7 @@ def multiply_by_symbol(spectrum, nx, ny, nz, cosines, factor):
 
 @kernel()
 def helmholtz_solve(work, other, nx, ny, nz, cosines, lhs, gamma):
-    """work = (lhs - γΔ)⁻¹ work with Neumann faces; `other` is work space."""
+    """Work = (lhs - γΔ)⁻¹ work with Neumann faces; `other` is work space."""
     transform(work, other, nx, ny, nz, cosines, False)
     divide_by_symbol(other, nx, ny, nz, cosines, lhs, gamma)
     transform(other, work, nx, ny, nz, cosines, True)
@@ -68,7 +68,7 @@ def helmholtz_solve(work, other, nx, ny, nz, cosines, lhs, gamma):
 
 @kernel()
 def laplacian(work, other, nx, ny, nz, cosines, gamma):
-    """work = γΔ work with Neumann faces; `other` is work space."""
+    """Work = γΔ work with Neumann faces; `other` is work space."""
     transform(work, other, nx, ny, nz, cosines, False)
     multiply_by_symbol(other, nx, ny, nz, cosines, -gamma)
     transform(other, work, nx, ny, nz, cosines, True)

@@ -100,7 +100,7 @@ class Scheme(NamedTuple):
 class Cosines(NamedTuple):
     """Cosine matrices and eigenvalues of -Δ for all box sizes in use."""
 
-    index: np.ndarray
+    matrix_index: np.ndarray
     """int64, by size n: where its two n × n matrices (forward, inverse) start."""
     matrices: np.ndarray
     symbol_index: np.ndarray

@@ -3,10 +3,10 @@
 import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import kernel, parallel_kernel
+from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 
 
-@kernel()
+@inline_kernel()
 def overlap(i, j, axis, boxes):
     """Common lattice range [low, high) of two boxes along one axis; may be empty."""
     low = max(boxes.origin[i, axis], boxes.origin[j, axis])
@@ -17,7 +17,7 @@ def overlap(i, j, axis, boxes):
     return low, high
 
 
-@kernel()
+@inline_kernel()
 def row_index(i, x, y, boxes):
     """Number of the row at lattice position (x, y) within cell i's box."""
     return (x - boxes.origin[i, 0]) * boxes.shape[i, 1] + y - boxes.origin[i, 1]
@@ -36,9 +36,7 @@ def add_overlap(i, j, weight, phi, boxes, target):
             high = min(z1, boxes.origin[j, 2] + boxes.spans[boxes.row_start[j] + line, 1])
             if low >= high:
                 continue
-            source = np.uint64(
-                boxes.start[j] + line * boxes.shape[j, 2] + low - boxes.origin[j, 2]
-            )
+            source = np.uint64(boxes.start[j] + line * boxes.shape[j, 2] + low - boxes.origin[j, 2])
             line = row_index(i, x, y, boxes)
             goal = np.uint64(boxes.start[i] + line * boxes.shape[i, 2] + low - boxes.origin[i, 2])
             for k in range(np.uint64(high - low)):

@@ -4,7 +4,7 @@ All indices are unsigned: an unsigned index needs no check for negative wrap-aro
 keep the loops from being vectorised.
 """
 
-from morphosim.kernels._jit import kernel
+from morphosim.kernels._jit import inline_kernel
 
 COEFFICIENTS = {
     2: (1 / 2,),
@@ -21,7 +21,7 @@ LAPLACIAN_COEFFICIENTS = {
 """Second-derivative weights of the points 0, 1, 2, 3 steps away, by order; times 1/h²."""
 
 
-@kernel()
+@inline_kernel()
 def derivative(field, index, stride, c1, c2, c3):
     """First derivative of `field` at `index` along the axis of `stride`.
 

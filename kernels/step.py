@@ -6,7 +6,6 @@ and on the tile sums of the last state only, so the result is the same for any n
 A cell whose new field is not finite, or runs away, keeps its old field; its survey tells.
 """
 
-import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import kernel, parallel_kernel

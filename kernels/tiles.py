@@ -1,7 +1,7 @@
 """Sums over cells on sparse tiles of the lattice.
 
 The cells' sums Σ g φ² (repulsion) and Σ φ per cell type (attraction) are accumulated on tiles of
-8 × 8 × 16 lattice points. A tile exists only where boxes of two cells meet or a confinement acts,
+4 × 4 × 32 lattice points. A tile exists only where boxes of two cells meet or a confinement acts,
 so memory follows the cells. Each tile is summed by one thread in the order of its cell list: the
 result does not depend on the number of threads. A cell takes its own share off when it reads.
 """
@@ -9,9 +9,9 @@ result does not depend on the number of threads. A cell takes its own share off 
 import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import kernel, parallel_kernel
+from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 
-SHIFTS = (3, 3, 4)
+SHIFTS = (2, 2, 5)
 TILE_SHAPE = (1 << SHIFTS[0], 1 << SHIFTS[1], 1 << SHIFTS[2])
 TILE_POINTS = TILE_SHAPE[0] * TILE_SHAPE[1] * TILE_SHAPE[2]
 
@@ -30,7 +30,7 @@ def enumerate_covered(origin, counts, cover_start, tiles):
                     k += 1
 
 
-@kernel()
+@inline_kernel()
 def add_row(phi, source, count, g, repulsion, target, potential, target_potential):
     """Add g φ² and φ of one stretch of a row."""
     for k in range(np.uint64(count)):
@@ -40,29 +40,32 @@ def add_row(phi, source, count, g, repulsion, target, potential, target_potentia
             potential[target_potential + k] += value
 
 
-@kernel()
+@inline_kernel()
 def add_cell(
     x0, y0, z0, origin, shape, phi, start, spans, row_start, g, repulsion, first,
     potential, potential_first,
 ):  # fmt: skip
-    """Add one cell, its box at `origin`, to the tile whose lower corner is (x0, y0, z0)."""
+    """Add one cell, its box at `origin`, to the tile whose lower corner is (x0, y0, z0).
+
+    Rows whose band is empty are left out, here and in `gather`.
+    """
     ox, oy, oz = origin
     nx, ny, nz = shape
+    low = max(z0, oz)
+    count = min(z0 + TILE_SHAPE[2], oz + nz) - low
     for x in range(max(x0, ox), min(x0 + TILE_SHAPE[0], ox + nx)):
         for y in range(max(y0, oy), min(y0 + TILE_SHAPE[1], oy + ny)):
             line = (x - ox) * ny + (y - oy)
-            low = max(z0, oz + spans[row_start + line, 0])
-            high = min(z0 + TILE_SHAPE[2], oz + spans[row_start + line, 1])
-            if low < high:
+            if spans[row_start + line, 0] < spans[row_start + line, 1]:
                 offset = ((x - x0) * TILE_SHAPE[1] + (y - y0)) * TILE_SHAPE[2] + low - z0
                 add_row(
-                    phi, np.uint64(start + line * nz + low - oz), high - low, g,
+                    phi, np.uint64(start + line * nz + low - oz), count, g,
                     repulsion, np.uint64(first + offset),
                     potential, np.uint64(potential_first + offset),
                 )  # fmt: skip
 
 
-@kernel()
+@inline_kernel()
 def clear_tile(slot, n_types, background, repulsion, potential):
     """Start a tile's sums: the confinement's share, or nothing."""
     first = slot * TILE_POINTS
@@ -111,67 +114,53 @@ def accumulate(lists, phi, boxes, interaction, tiles):
             )  # fmt: skip
 
 
-@kernel()
-def copy_row(source, first, count, target, q):
-    """target[q:] = source[first:] for `count` points."""
+@inline_kernel()
+def read_repulsion(tile, first, phi, p, count, own_g, repulsion, q):
+    """R along a stretch of a row: the tile's sum less the cell's own g φ²."""
     for k in range(np.uint64(count)):
-        target[q + k] = source[first + k]
+        repulsion[q + k] = tile[first + k] - own_g * phi[p + k] * phi[p + k]
 
 
-@kernel()
-def add_scaled_row(source, first, count, weight, target, q):
-    """target[q:] += weight source[first:] for `count` points."""
+@inline_kernel()
+def read_potential(tile, first, phi, p, count, weight, own_weight, psi, q):
+    """Add σ Σ φ to ψ along a stretch of a row, less the cell's own share."""
     for k in range(np.uint64(count)):
-        target[q + k] += weight * source[first + k]
+        psi[q + k] += weight * tile[first + k] - own_weight * phi[p + k]
 
 
-@kernel()
-def remove_own(phi, p, count, g, weight, repulsion, psi, q):
-    """Take the cell's own g φ² and σ φ off a stretch of a row."""
-    for k in range(np.uint64(count)):
-        value = phi[p + k]
-        repulsion[q + k] -= g * value * value
-        if psi is not None:
-            psi[q + k] -= weight * value
-
-
-@kernel()
+@inline_kernel()
 def gather_row(
-    column, tiles_z, corner, oz, nz, line, low, high, start, own, g, pull, phi, cover,
+    column, tiles_z, corner, oz, nz, line, start, own, g, share, pull, phi, cover,
     tile_repulsion, tile_potential, repulsion, psi,
 ):  # fmt: skip
-    """Read one row of a box from the tiles under it, less the cell's own share on [low, high).
+    """Read one row of a box from the tiles under it.
 
-    `column` is where the row's tiles start in `cover`, `corner` the row's place within a tile.
+    `column` is where the row's tiles start in `cover`, `corner` the row's place within a tile;
+    `share` tells whether the cell itself is in the sums of this row.
     """
     n_types = pull.shape[0]
+    mine = phi.dtype.type(share)
     for k in range(tiles_z):
         slot = cover[column + k]
         if slot < 0:
             continue
         tile_z = ((oz >> SHIFTS[2]) + k) << SHIFTS[2]
         z0 = max(oz, tile_z)
-        z1 = min(oz + nz, tile_z + TILE_SHAPE[2])
-        q = line * nz + z0 - oz
+        count = min(oz + nz, tile_z + TILE_SHAPE[2]) - z0
+        q = np.uint64(line * nz + z0 - oz)
+        p = np.uint64(start) + q
         offset = corner + z0 - tile_z
         first = np.uint64(slot * TILE_POINTS + offset)
-        copy_row(tile_repulsion, first, z1 - z0, repulsion, np.uint64(q))
+        read_repulsion(tile_repulsion, first, phi, p, count, mine * g, repulsion, q)
         if tile_potential is not None:
             for t in range(n_types):
-                if pull[t, own] != 0:
+                weight = pull[t, own]
+                if weight != 0:
+                    own_weight = weight * phi.dtype.type(share and t == own)
                     first = np.uint64((slot * n_types + t) * TILE_POINTS + offset)
-                    add_scaled_row(tile_potential, first, z1 - z0, pull[t, own], psi, np.uint64(q))
-        z0 = max(z0, low)
-        z1 = min(z1, high)
-        if z0 < z1:
-            q = line * nz + z0 - oz
-            mine = psi
-            if tile_potential is None:
-                mine = None
-            remove_own(
-                phi, np.uint64(start + q), z1 - z0, g, pull[own, own],
-                repulsion, mine, np.uint64(q),
-            )  # fmt: skip
+                    read_potential(
+                        tile_potential, first, phi, p, count, weight, own_weight, psi, q
+                    )
 
 
 @kernel()
@@ -206,9 +195,9 @@ def gather(i, phi, boxes, interaction, tiles, pair_potential, repulsion, psi):
             line = (x - ox) * ny + y - oy
             tile = tile_x * tiles_y + (y >> SHIFTS[1]) - (oy >> SHIFTS[1])
             corner = ((x % TILE_SHAPE[0]) * TILE_SHAPE[1] + y % TILE_SHAPE[1]) * TILE_SHAPE[2]
-            low = oz + spans[row_start + line, 0]
-            high = oz + spans[row_start + line, 1]
+            share = spans[row_start + line, 0] < spans[row_start + line, 1]
             gather_row(
-                tiles.cover_start[i] + tile * tiles_z, tiles_z, corner, oz, nz, line, low, high,
-                start, own, g, pull, phi, cover, tile_repulsion, tile_potential, repulsion, psi,
+                tiles.cover_start[i] + tile * tiles_z, tiles_z, corner, oz, nz, line, start,
+                own, g, share, pull, phi, cover, tile_repulsion, tile_potential,
+                repulsion, psi,
             )  # fmt: skip

@@ -1,6 +1,7 @@
 """Moving boxes: where each cell's subgrid lies, and the pools that hold the fields."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -60,8 +61,9 @@ class BoxPool:
     """
 
     def __init__(self, dtype: DTypeLike, tolerance: float, with_history: bool) -> None:
-        self.dtype = np.dtype(dtype)
-        self.tolerance = self.dtype.type(tolerance)
+        self.dtype: np.dtype[Any] = np.dtype(dtype)
+        self._real: Any = self.dtype.type
+        self.tolerance = self._real(tolerance)
         self.phi: Real = np.zeros(0, dtype)
         self.history: Real | None = np.zeros(0, dtype) if with_history else None
         self.spans = np.zeros((0, 2), np.int32)
@@ -125,10 +127,9 @@ class BoxPool:
 
     def survey(self, i: int) -> None:
         """Measure cell i's stored field: its row spans and sums (`kernels.boxes.survey`)."""
-        one = self.dtype.type(1)
         survey(
-            self.phi, self.start[i], *self.shape[i], self.tolerance, one * 1000, one / 2,
-            self.spans, self.row_start[i], self.surveys[i],
+            self.phi, self.start[i], *self.shape[i], self.tolerance, self._real(np.inf),
+            self._real(0.5), self.spans, self.row_start[i], self.surveys[i],
         )  # fmt: skip
 
     def refit(self, cells: Integers) -> Integers:
@@ -143,7 +144,7 @@ class BoxPool:
         moved = alive & (touching | loose)
         for k in np.flatnonzero(moved):
             self._move(int(cells[k]), low[k], shape[k])
-        return cells[moved]
+        return np.asarray(cells[moved])
 
     def _trim(self, origin: Integers, phi: Real) -> tuple[Integers, Real]:
         """Cut a start field down to its band, or pad it, and make its shape even."""

@@ -151,18 +151,18 @@ def contacts(
         at = float(data["time"].values[index])
         areas = contact_areas(fields, float(data.attrs["spacing_um"]))
     shared = touching(fields)
-    rows = [
-        {"cells": list(pair), "touching_voxels": shared.get(pair, 0), "area_um2": areas.get(pair, 0.0)}
-        for pair in sorted(shared.keys() | areas.keys())
-    ]  # fmt: skip
+    pairs = sorted(shared.keys() | areas.keys())
     if as_json:
+        rows = [
+            {"cells": pair, "touching_voxels": shared.get(pair, 0), "area_um2": areas.get(pair, 0)}
+            for pair in pairs
+        ]
         typer.echo(json.dumps({"time": at, "contacts": rows}))
         return
     typer.echo(f"t = {at:g}: {len(shared)} pairs touch")
-    for row in rows:
-        a, b = row["cells"]
-        mark = "touch" if row["touching_voxels"] else "-"
-        typer.echo(f"{a:10} {b:10} {mark:6} {row['area_um2']:8.1f} um2")
+    for a, b in pairs:
+        mark = "touch" if (a, b) in shared else "-"
+        typer.echo(f"{a:10} {b:10} {mark:6} {areas.get((a, b), 0.0):8.1f} um2")
 
 
 @app.command("import-matlab")

@@ -66,7 +66,7 @@ class EllipsoidShell:
         _validate.number("confinement.width", self.width, least=0)
 
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
-        """a (1 - √Σ (x_k - o_k)² / a_k²) with a the longest semi-axis, less what is cut off."""
+        """Depth a (1 - √Σ (x_k - o_k)² / a_k²), a the longest semi-axis, less what is cut off."""
         offsets = [p - o for p, o in zip((x, y, z), np.asarray(self.center), strict=True)]
         axes = np.asarray(self.semi_axes, dtype=np.float64)
         squares = sum((d / a) ** 2 for d, a in zip(offsets, axes, strict=True))

@@ -5,9 +5,10 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
+import numba
 import numpy as np
 import scipy.linalg.cython_blas  # noqa: F401  (the BLAS that Numba calls; loaded to be limited)
-from numba import config, get_num_threads, set_num_threads
+from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
@@ -86,6 +87,10 @@ class Engine:
             numerics.spacing, numerics.laplacian, numerics.order, self.dtype
         )
         self._library = _make_library(numerics.transform, self.dtype)
+        self._work = np.zeros((self.workers, kernels.N_WORK, 0), self.dtype)
+        self._force = np.zeros((self.workers, 0), self.dtype)
+        self._pair_potential: NDArray[np.floating] | None = None
+        self._rhs: NDArray[np.floating] | None = None
         self._controller = ThreadpoolController()
         self._relist()
 
@@ -170,9 +175,7 @@ class Engine:
             if walls and self.confinement is not None
             else None
         )
-        self._cover = TileCover(
-            self.dtype, self.workers, self._interactions.n_fields, background
-        )
+        self._cover = TileCover(self.dtype, self.workers, self._interactions.n_fields, background)
         self._terms = CellTerms(
             gamma=self.gamma.astype(self.dtype),
             well=(4 * self.gamma * physics.c).astype(self.dtype),
@@ -207,17 +210,15 @@ class Engine:
     def _reserve(self) -> None:
         """Work space for the largest box, and pools that only some scenes need."""
         size, row = int(self.pool.sizes().max()), int(self.pool.shape[:, 2].max())
-        if not hasattr(self, "_work") or self._work.shape[2] < size:
+        if self._work.shape[2] < size:
             self._work = np.zeros((self.workers, kernels.N_WORK, size), self.dtype)
-        if not hasattr(self, "_force") or self._force.shape[1] < row:
+        if self._force.shape[1] < row:
             self._force = np.zeros((self.workers, row), self.dtype)
         length = len(self.pool.phi)
         self._pair_potential = self._matching(
-            getattr(self, "_pair_potential", None), self._interactions.pairs is not None, length
+            self._pair_potential, self._interactions.pairs is not None, length
         )
-        self._rhs = self._matching(
-            getattr(self, "_rhs", None), self._library is not None, length
-        )
+        self._rhs = self._matching(self._rhs, self._library is not None, length)
 
     def _matching(
         self, pool: NDArray[np.floating] | None, wanted: bool, length: int
@@ -232,9 +233,7 @@ class Engine:
         if not self._coupled:
             return
         phi, boxes = self.pool.phi, self.pool.boxes
-        accumulate(
-            self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.tiles
-        )
+        accumulate(self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.tiles)
         if self._interactions.pairs is not None:
             accumulate_pairs(
                 self._bounds, self._order, self._interactions.pairs, phi, boxes,
@@ -334,9 +333,9 @@ class Engine:
 
 
 def _checked_threads(threads: int) -> int:
-    if threads > config.NUMBA_NUM_THREADS:
+    if threads > numba.config.NUMBA_NUM_THREADS:
         message = (
-            f"numerics.threads = {threads} is more than the {config.NUMBA_NUM_THREADS} that "
+            f"numerics.threads = {threads} is more than the {numba.config.NUMBA_NUM_THREADS} that "
             "Numba was started with; take fewer, or set NUMBA_NUM_THREADS before the start"
         )
         raise ValueError(message)

@@ -20,7 +20,7 @@ class CellField:
 
     name: str
     origin: NDArray[np.int64]
-    phi: NDArray[np.floating]
+    phi: NDArray
 
 
 def centroid(cell: CellField, spacing: float) -> NDArray[np.float64]:

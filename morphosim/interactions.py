@@ -1,6 +1,7 @@
 """From a scene's attraction to what kernels need: σ by type, and the pairs that differ."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -30,7 +31,7 @@ class Interactions:
         types: Sequence[str],
         dtype: DTypeLike,
     ) -> None:
-        kind = np.dtype(dtype)
+        kind: np.dtype[Any] = np.dtype(dtype)
         known = sorted(set(types))
         pull = attraction.type_matrix(known)
         index = np.searchsorted(known, types).astype(np.int64)

@@ -63,7 +63,9 @@ class RunWriter:
     def after_step(self, simulation: Simulation) -> None:
         """Save if a save is due."""
         dt = simulation.scene.numerics.dt
-        if int(simulation.time / self.every + 1e-9) > int((simulation.time - dt) / self.every + 1e-9):
+        if int(simulation.time / self.every + 1e-9) > int(
+            (simulation.time - dt) / self.every + 1e-9
+        ):
             self._save(simulation)
 
     def finish(self, simulation: Simulation) -> None:
@@ -126,15 +128,28 @@ def _create(path: Path, simulation: Simulation) -> Any:
             "source": f"morphosim {version('morphosim')} on {platform.platform()}",
             "spacing_um": scene.numerics.spacing,
             "dt": scene.numerics.dt,
-            "numerics": json.dumps({n: getattr(scene.numerics, n) for n in scene.numerics.__slots__}),
+            "numerics": json.dumps(
+                {n: getattr(scene.numerics, n) for n in scene.numerics.__slots__}
+            ),
         }
     )
-    for name, size in (("time", None), ("cell", len(scene.cells)), ("axis", 3), ("box", None), ("sample", None)):
+    for name, size in (
+        ("time", None),
+        ("cell", len(scene.cells)),
+        ("axis", 3),
+        ("box", None),
+        ("sample", None),
+    ):
         file.createDimension(name, size)
     _variable(file, "time", "f8", ("time",), units="1", long_name="in silico time", axis="T")
-    for name, values, text in (("cell", scene.names, "name of the cell"), ("type", scene.types, "type of the cell")):
+    for name, values, text in (
+        ("cell", scene.names, "name of the cell"),
+        ("type", scene.types, "type of the cell"),
+    ):
         _variable(file, name, str, ("cell",), long_name=text)[:] = np.array(values, dtype=object)
-    _variable(file, "axis", str, ("axis",), long_name="axis of space")[:] = np.array(list("xyz"), dtype=object)
+    _variable(file, "axis", str, ("axis",), long_name="axis of space")[:] = np.array(
+        list("xyz"), dtype=object
+    )
     for name, (units, text) in _PER_CELL.items():
         _variable(file, name, "f8", ("time", "cell"), units=units, long_name=text)
     _variable(file, "centroid", "f8", ("time", "cell", "axis"), units="um", long_name="centroid")
@@ -144,16 +159,47 @@ def _create(path: Path, simulation: Simulation) -> Any:
 
 def _create_fields(file: Any, dtype: np.dtype) -> None:
     """Ragged part of the file."""
-    _variable(file, "row_size", "i8", ("box",), units="1", long_name="values of this box", sample_dimension="sample")
-    _variable(file, "box_time", "i4", ("box",), long_name="index into time", instance_dimension="time")
-    _variable(file, "box_cell", "i4", ("box",), long_name="index into cell", instance_dimension="cell")
-    _variable(file, "box_origin", "i8", ("box", "axis"), units="1", long_name="lattice position of the first value; times spacing_um it is in um")
-    _variable(file, "box_shape", "i4", ("box", "axis"), units="1", long_name="points per axis, z fastest")
-    phi = file.createVariable("phi", dtype.str[1:], ("sample",), zlib=True, complevel=1, shuffle=True, chunksizes=(1 << 17,))
+    _variable(
+        file,
+        "row_size",
+        "i8",
+        ("box",),
+        units="1",
+        long_name="values of this box",
+        sample_dimension="sample",
+    )
+    _variable(
+        file, "box_time", "i4", ("box",), long_name="index into time", instance_dimension="time"
+    )
+    _variable(
+        file, "box_cell", "i4", ("box",), long_name="index into cell", instance_dimension="cell"
+    )
+    _variable(
+        file,
+        "box_origin",
+        "i8",
+        ("box", "axis"),
+        units="1",
+        long_name="lattice position of the first value; times spacing_um it is in um",
+    )
+    _variable(
+        file, "box_shape", "i4", ("box", "axis"), units="1", long_name="points per axis, z fastest"
+    )
+    phi = file.createVariable(
+        "phi",
+        dtype.str[1:],
+        ("sample",),
+        zlib=True,
+        complevel=1,
+        shuffle=True,
+        chunksizes=(1 << 17,),
+    )
     phi.setncatts({"units": "1", "long_name": "phase field"})
 
 
-def _variable(file: Any, name: str, kind: Any, dimensions: tuple[str, ...], **attributes: Any) -> Any:
+def _variable(
+    file: Any, name: str, kind: Any, dimensions: tuple[str, ...], **attributes: Any
+) -> Any:
     variable = file.createVariable(name, kind, dimensions)
     variable.setncatts(attributes)
     return variable

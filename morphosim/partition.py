@@ -280,9 +280,7 @@ def _window(
     )
 
 
-def _volumes_and_stiffness(
-    problem: _Problem, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _volumes_and_stiffness(problem: _Problem, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the volumes reached (um^3) and their derivative by the weights, (N, N) in um."""
     points = problem.points
     measured = [_measure(points, weights, i, own) for i, own in enumerate(problem.lattices)]

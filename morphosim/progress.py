@@ -42,7 +42,7 @@ class ProgressBar:
         self._bar.start()
         self._task = self._bar.add_task(
             f"{simulation.scene.name}, {len(simulation.cells)} cells", total=self.until,
-            completed=simulation.time, speed="compiling",
+            completed=int(simulation.time), speed="compiling",
         )  # fmt: skip
         self._begin = self._shown = time.perf_counter()
 

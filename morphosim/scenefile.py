@@ -5,7 +5,7 @@ Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.
 
 import importlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -108,7 +108,8 @@ def _physics(table: Mapping[str, Any]) -> Physics:
     sigma = values.get("sigma")
     if isinstance(sigma, Mapping):
         values["sigma"] = _attraction(sigma)
-    return _build(Physics, values, "physics")
+    physics: Physics = _build(Physics, values, "physics")
+    return physics
 
 
 def _attraction(table: Mapping[str, Any]) -> Attraction:
@@ -176,7 +177,7 @@ def _confinement(table: Mapping[str, Any] | None, folder: Path) -> Any:
 def _shapes(rows: list[dict[str, Any]], confinement: Any, folder: Path) -> list[Any]:
     """Shapes of all cells; those of kind "point" share a power partition."""
     points = [row for row in rows if _kind(row) == "point"]
-    partition = iter(())
+    partition: Iterator[PowerCell] = iter(())
     if points:
         for row in points:
             _validate.keys(f"cell {row.get('name')!r}: shape", row["shape"], ("kind", "position"))
@@ -208,7 +209,8 @@ def _cell(row: Mapping[str, Any], shape: Any) -> Cell:
     values = dict(row) | {"shape": shape}
     if isinstance(row.get("volume"), Mapping):
         values["volume"] = _build(VolumeCourse, row["volume"], f"cell {row.get('name')!r}: volume")
-    return _build(Cell, values, f"cell {row.get('name')!r}")
+    cell: Cell = _build(Cell, values, f"cell {row.get('name')!r}")
+    return cell
 
 
 def save_scene(scene: Scene, path: str | Path) -> None:
@@ -228,7 +230,9 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     table["physics"] = _physics_table(scene.physics)
     table["numerics"] = _plain_table(scene.numerics)
     if scene.confinement is not None:
-        table["confinement"] = _typed_table(scene.confinement, CONFINEMENTS, arrays, archive, "walls")
+        table["confinement"] = _typed_table(
+            scene.confinement, CONFINEMENTS, arrays, archive, "walls"
+        )
     table["cells"] = [_cell_table(cell, arrays, archive) for cell in scene.cells]
     if arrays:
         np.savez_compressed(path.with_name(archive), **arrays)  # type: ignore[arg-type]

@@ -63,7 +63,7 @@ class Ellipsoid:
         slope = np.sqrt(sum((u / a**2) ** 2 for u, a in zip(d, axes, strict=True)))
         with np.errstate(invalid="ignore", divide="ignore"):
             depth = (1 - q) * q / slope
-        return np.where(q < 1e-9, axes.min(), depth)
+        return np.asarray(np.where(q < 1e-9, axes.min(), depth))
 
     def bounds(self) -> tuple[Floats, Floats]:
         """See `Shape`."""
@@ -95,7 +95,7 @@ class Sphere:
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """Distance to the surface, positive inside."""
         ox, oy, oz = np.asarray(self.center, float)
-        return self.radius - np.sqrt((x - ox) ** 2 + (y - oy) ** 2 + (z - oz) ** 2)
+        return np.asarray(self.radius - np.sqrt((x - ox) ** 2 + (y - oy) ** 2 + (z - oz) ** 2))
 
     def bounds(self) -> tuple[Floats, Floats]:
         """See `Shape`."""

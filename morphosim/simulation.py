@@ -105,9 +105,7 @@ class Simulation:
     def fields(self) -> list[CellField]:
         """The cells' fields: views, valid until the next step."""
         pool = self.engine.pool
-        return [
-            CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(self.names)
-        ]
+        return [CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(self.names)]
 
     @property
     def centroids(self) -> NDArray[np.float64]:
@@ -202,7 +200,9 @@ def _check_inside(
 ) -> None:
     """Raise ValueError if most of a cell lies beyond the confinement."""
     assert scene.confinement is not None
-    axes = [(o + np.arange(n)) * scene.numerics.spacing for o, n in zip(origin, phi.shape, strict=True)]
+    axes = [
+        (o + np.arange(n)) * scene.numerics.spacing for o, n in zip(origin, phi.shape, strict=True)
+    ]
     walls = scene.confinement.field(*np.meshgrid(*axes, indexing="ij", sparse=True))
     outside = float((phi * (walls > 0.5)).sum() / phi.sum())
     if outside > OUTSIDE_ALLOWED:

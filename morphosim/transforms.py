@@ -55,7 +55,7 @@ class CosineTables:
             inverse = cosine_matrix(n)
             matrices += [inverse.T.ravel(), inverse.ravel()]
         return Cosines(
-            index=index,
+            matrix_index=index,
             matrices=np.concatenate(matrices).astype(self._dtype),
             symbol_index=symbol_index,
             symbols=np.concatenate([np.zeros(0), *(self._symbols[n] for n in sizes)]).astype(

@@ -1,0 +1,101 @@
+"""What several test files need: engines from a few numbers, and fields on a common grid."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphosim.engine import Engine
+from morphosim.numerics import Numerics
+from morphosim.physics import Physics
+
+H = 0.5
+TAIL = 1e-9
+"""Start fields are laid out to where their profile falls below this."""
+StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+
+def lattice(low: ArrayLike, high: ArrayLike, h: float) -> tuple[NDArray[np.int64], list]:
+    """First lattice index, and open coordinate axes, of the points between two corners (µm)."""
+    first = np.floor(np.asarray(low) / h).astype(np.int64)
+    last = np.ceil(np.asarray(high) / h).astype(np.int64)
+    axes = [np.arange(a, b + 1) * h for a, b in zip(first, last, strict=True)]
+    return first, np.meshgrid(*axes, indexing="ij", sparse=True)
+
+
+def distance(points: Sequence[NDArray], center: ArrayLike) -> NDArray[np.float64]:
+    """Distance of lattice points to a centre, µm."""
+    return np.sqrt(sum((p - o) ** 2 for p, o in zip(points, np.asarray(center), strict=True)))
+
+
+def sphere(
+    center: ArrayLike, radius: float, h: float = H, scale: float = 1.0, tail: float = TAIL
+) -> StartField:
+    """Start field (1 + tanh(scale · depth)) / 2 of a ball, down to `tail`."""
+    reach = radius - np.log(tail) / (2 * scale)
+    origin, points = lattice(np.asarray(center) - reach, np.asarray(center) + reach, h)
+    return origin, 0.5 * (1 + np.tanh(scale * (radius - distance(points, center))))
+
+
+def make_engine(
+    fields: Sequence[StartField],
+    *,
+    types: Sequence[str] | None = None,
+    gamma: ArrayLike | None = None,
+    frozen: Sequence[int] = (),
+    shell: object = None,
+    physics: dict | None = None,
+    **numerics: object,
+) -> Engine:
+    """Engine of cells "0", "1", … in double precision on one thread, unless told otherwise."""
+    n = len(fields)
+    model = Physics(**(physics or {}))
+    return Engine(
+        model,
+        Numerics(**({"precision": "double", "threads": 1, "spacing": H} | numerics)),
+        shell,
+        [str(i) for i in range(n)],
+        list(types or [""] * n),
+        np.broadcast_to(model.gamma if gamma is None else gamma, n).astype(float),
+        np.isin(np.arange(n), frozen),
+        list(fields),
+    )
+
+
+def advance(engine: Engine, steps: int, targets: ArrayLike | None = None) -> Engine:
+    """Take steps; the target volumes are by default what the cells have now."""
+    wanted = np.array(engine.volumes if targets is None else targets, float)
+    with engine.limited_threads():
+        for _ in range(steps):
+            engine.step(wanted)
+    return engine
+
+
+def on_grid(engine: Engine, low: ArrayLike, shape: Sequence[int]) -> NDArray[np.float64]:
+    """Fields (N, nx, ny, nz) on a grid that holds every box; `low` is its first lattice point."""
+    full = np.zeros((len(engine), *shape))
+    for i in range(len(engine)):
+        first = engine.pool.origin[i] - np.asarray(low)
+        last = first + engine.pool.shape[i]
+        assert (first >= 0).all() and (last <= np.asarray(shape)).all(), "box outside the grid"
+        full[i][tuple(slice(a, b) for a, b in zip(first, last, strict=True))] = engine.pool.box(i)
+    return full
+
+
+def grid_around(engine: Engine, margin: int) -> tuple[NDArray[np.int64], tuple[int, ...]]:
+    """First lattice point and shape of a grid `margin` points larger than all boxes."""
+    low = engine.pool.origin.min(axis=0) - margin
+    high = (engine.pool.origin + engine.pool.shape).max(axis=0) + margin
+    shape = high - low
+    return low, tuple(int(n) for n in shape + shape % 2)
+
+
+def centroids(engine: Engine) -> NDArray[np.float64]:
+    """Centroid of each cell, Σ φ x / Σ φ, µm."""
+    h = engine.numerics.spacing
+    result = np.zeros((len(engine), 3))
+    for i in range(len(engine)):
+        box, origin = engine.pool.box(i).astype(float), engine.pool.origin[i]
+        axes = np.indices(box.shape, sparse=True)
+        result[i] = [(box * (a + o)).sum() / box.sum() * h for a, o in zip(axes, origin, strict=True)]
+    return result
