@@ -206,18 +206,9 @@ def power_cells(
 
     points = _validate.array("positions", positions, (len(names), 3))
     wanted = _validate.array("volumes", volumes, (len(names),))
-    lower, upper = confinement.bounds() if confinement is not None else (None, None)
-    partition = power_partition(
-        points, wanted, None if confinement is None else _inside(confinement), lower, upper
-    )
+    partition = power_partition(points, wanted, confinement)
     return [
         PowerCell(partition=partition, cell=i, volume=float(v), confinement=confinement)
         for i, v in enumerate(wanted)
     ]
 
-
-def _inside(confinement: Confinement) -> Callable[[Any, Any, Any], Any]:
-    def inside(x: Any, y: Any, z: Any) -> Any:
-        return confinement.depth(x, y, z) > 0
-
-    return inside
