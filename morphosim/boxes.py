@@ -63,7 +63,7 @@ class BoxPool:
     def __init__(self, dtype: DTypeLike, tolerance: float, with_history: bool) -> None:
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         self._real: Any = self.dtype.type
-        self.tolerance = self._real(tolerance)
+        self.tolerance = np.asarray(tolerance, dtype)[()]
         self.phi: Real = np.zeros(0, dtype)
         self.history: Real | None = np.zeros(0, dtype) if with_history else None
         self.spans = np.zeros((0, 2), np.int32)

@@ -211,4 +211,3 @@ def power_cells(
         PowerCell(partition=partition, cell=i, volume=float(v), confinement=confinement)
         for i, v in enumerate(wanted)
     ]
-
