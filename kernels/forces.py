@@ -47,6 +47,14 @@ def gradient_force(phi, start, psi, row, force, z0, z1, sx, sy, c1, c2, c3, pres
         force[z] += total
 
 
+@kernel()
+def edge_force(phi, start, psi, row, force, z0, z1, sx, sy, edge, pressure, dx, dy, dz):
+    """`gradient_force` by the second-order stencil, where others would reach out of the box."""
+    gradient_force(
+        phi, start, psi, row, force, z0, z1, sx, sy, edge, None, None, pressure, dx, dy, dz
+    )
+
+
 @inline_kernel()
 def combine(phi, history, start, force, rhs, row, nz, a0, a1, b0, b1):
     """Right-hand side a0 φ + a1 F + H along one row; H becomes b0 φ + b1 F.
@@ -93,12 +101,23 @@ def right_hand_side(
             row = np.uint64(line * nz)
             base = np.uint64(start + line * nz)
             local_force(phi, base, repulsion, row, force, nz, well, half)
-            z0 = max(r, spans[row_start + line, 0])
-            z1 = min(nz - r, spans[row_start + line, 1])
-            if z0 < z1 and r <= x < nx - r and r <= y < ny - r:
+            z0 = max(1, spans[row_start + line, 0])
+            z1 = min(nz - 1, spans[row_start + line, 1])
+            if z0 < z1 and 0 < x < nx - 1 and 0 < y < ny - 1:
+                inner = r <= x < nx - r and r <= y < ny - r
+                low = min(max(r, z0), z1) if inner else z1
+                high = max(min(nz - r, z1), low)
                 gradient_force(
-                    phi, base, psi, row, force, z0, z1, sx, sy,
+                    phi, base, psi, row, force, low, high, sx, sy,
                     stencil.c1, stencil.c2, stencil.c3, pressure, dx, dy, dz,
+                )  # fmt: skip
+                edge_force(
+                    phi, base, psi, row, force, z0, low, sx, sy, stencil.edge, pressure,
+                    dx, dy, dz,
+                )  # fmt: skip
+                edge_force(
+                    phi, base, psi, row, force, high, z1, sx, sy, stencil.edge, pressure,
+                    dx, dy, dz,
                 )  # fmt: skip
             combine(
                 phi, history, base, force, rhs, row, nz,

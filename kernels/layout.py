@@ -80,6 +80,8 @@ class Stencil(NamedTuple):
     """Gradient stencil; weights already divided by the spacing."""
 
     radius: int
+    edge: Any
+    """Scalar, weight of the second-order stencil, used within `radius` of the faces of a box."""
     c1: Any
     c2: Any
     """Scalar, or None for order 2."""

@@ -158,9 +158,7 @@ def gather_row(
                 if weight != 0:
                     own_weight = weight * phi.dtype.type(share and t == own)
                     first = np.uint64((slot * n_types + t) * TILE_POINTS + offset)
-                    read_potential(
-                        tile_potential, first, phi, p, count, weight, own_weight, psi, q
-                    )
+                    read_potential(tile_potential, first, phi, p, count, weight, own_weight, psi, q)
 
 
 @kernel()

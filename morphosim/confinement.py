@@ -7,12 +7,14 @@ inside.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim.images import Image, depth_image
 
 Floats = NDArray[np.float64]
 
@@ -163,9 +165,8 @@ class MaskWalls:
         return result
 
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
-        """Only its sign is meant: half a voxel inside, minus half a voxel outside."""
-        half = 0.5 * float(np.min(self.spacing))
-        return half * (1 - 2 * self.field(x, y, z))
+        """Distance to the surface of the image, to about a voxel; constant beyond the image."""
+        return _mask_depth(self).at(x, y, z)
 
     def bounds(self) -> tuple[Floats, Floats]:
         """See `Confinement`."""
@@ -203,9 +204,27 @@ class FunctionWalls:
         return values
 
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
-        """Only its sign is meant: positive where φ_e < 1/2."""
-        return 0.5 - self.field(x, y, z)
+        """Distance to the surface φ_e = 1/2, to about 1/100 of the bounds."""
+        return _sampled_depth(self).at(x, y, z)
 
     def bounds(self) -> tuple[Floats, Floats]:
         """See `Confinement`."""
         return np.asarray(self.lower, float), np.asarray(self.upper, float)
+
+
+@lru_cache(maxsize=4)
+def _mask_depth(walls: MaskWalls) -> Image:
+    steps = np.array(np.broadcast_to(np.asarray(walls.spacing, float), 3))
+    return depth_image(walls.inside, np.asarray(walls.origin, float), steps, reach=5.0)
+
+
+@lru_cache(maxsize=4)
+def _sampled_depth(walls: FunctionWalls) -> Image:
+    low, high = walls.bounds()
+    step = float((high - low).max()) / 100
+    axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
+    inside = walls.field(*np.meshgrid(*axes, indexing="ij", sparse=True)) < 0.5
+    if not inside.any():
+        message = "confinement.function is above 1/2 everywhere within its bounds: no inside"
+        raise ValueError(message)
+    return depth_image(inside, low, np.full(3, step), reach=5.0)

@@ -345,7 +345,8 @@ def _checked_threads(threads: int) -> int:
 def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:
     weights = [dtype.type(w / spacing) for w in COEFFICIENTS[order]]
     c1, c2, c3 = (*weights, None, None)[:3]
-    return Stencil(radius=order // 2, c1=c1, c2=c2, c3=c3)
+    edge = dtype.type(COEFFICIENTS[2][0] / spacing)
+    return Stencil(radius=order // 2, edge=edge, c1=c1, c2=c2, c3=c3)
 
 
 def _make_library(transform: str, dtype: np.dtype) -> BoxTransform | None:

@@ -166,19 +166,21 @@ def _measure(
 ) -> tuple[float, Floats]:
     """Volume of a cell (µm³) and areas (µm²) of its faces towards each cell, its ball its own.
 
-    Occupancy rises linearly with depth over two spacings, so that both vary smoothly.
+    Occupancy rises with depth over four spacings by a fourth-order smooth step, so that curved
+    faces do not bias the volume.
     """
     n = len(partition.points)
     if partition.weights[i] <= 0:
         return 0.0, np.zeros(n)
-    half = int(np.ceil(np.sqrt(partition.weights[i]) / spacing)) + 1
+    half = int(np.ceil(np.sqrt(partition.weights[i]) / spacing)) + 2
     offsets = np.arange(-half, half + 1) * spacing
     axes = [p + offsets for p in partition.points[i]]
     grid = np.meshgrid(*axes, indexing="ij", sparse=True)
     depth, behind = partition.nearest_face(i, *grid)
     wall = np.inf if confinement is None else confinement.depth(*grid)
     shallow = np.minimum(depth, wall)
-    volume = np.clip(0.5 + shallow / (2 * spacing), 0, 1).sum() * spacing**3
+    u = np.clip(shallow / (2 * spacing), -1, 1)
+    volume = (0.5 + u * (45 - 50 * u**2 + 21 * u**4) / 32).sum() * spacing**3
     face = (np.abs(depth) < spacing) & (depth < wall)
     counts = np.bincount(behind[face], minlength=n)
     return float(volume), counts * spacing**2 / 2

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim.images import Image, depth_image
 
 if TYPE_CHECKING:
     from morphosim.confinement import Confinement
@@ -103,49 +104,27 @@ class Sphere:
         return center - self.radius, center + self.radius
 
 
-class _Image:
-    """Values on a regular grid of their own: voxel [0, 0, 0] at `origin`."""
-
-    __slots__ = ()
-    origin: ArrayLike
-    spacing: ArrayLike
-
-    def _steps(self) -> Floats:
-        return np.broadcast_to(np.asarray(self.spacing, float), 3)
-
-    def _interpolate(self, image: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
-        from scipy.ndimage import map_coordinates
-
-        coordinates = [
-            (p - o) / h
-            for p, o, h in zip((x, y, z), np.asarray(self.origin), self._steps(), strict=True)
-        ]
-        points = np.stack(np.broadcast_arrays(*coordinates))
-        return np.asarray(map_coordinates(image, points, order=1, mode="nearest"))
-
-    def _voxel_bounds(self, inside: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-        voxels = np.argwhere(inside)
-        origin, steps = np.asarray(self.origin, float), self._steps()
-        return origin + voxels.min(0) * steps, origin + voxels.max(0) * steps
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mask(_Image):
+class Mask:
     """Voxels of an image: the non-zero ones are the cell.
 
-    The field starts from the distance to the mask's surface, smoothed over one voxel, moved so
-    that its integral is the mask's volume.
+    The field starts from the depth below the mask's smoothed surface, moved so that its integral
+    is the mask's volume.
 
     Attributes
     ----------
     mask : (nx, ny, nz) bool
     origin : (3,) µm, position of the voxel [0, 0, 0]
     spacing : float or (3,) µm
+    smoothing : float, µm
+        Width over which the surface is smoothed; by default that of the published program, nine
+        voxels of 0.5 µm. 0 keeps the steps of the voxels.
     """
 
     mask: NDArray[np.bool_]
     origin: ArrayLike = (0.0, 0.0, 0.0)
     spacing: ArrayLike = 0.5
+    smoothing: float = 4.5
 
     def __post_init__(self) -> None:
         mask = np.asarray(self.mask) != 0
@@ -156,9 +135,8 @@ class Mask(_Image):
             message = "shape.mask is empty: no voxel is set"
             raise ValueError(message)
         object.__setattr__(self, "mask", mask)
-        _validate.vector("shape.origin", self.origin)
-        for value in self._steps():
-            _validate.number("shape.spacing", value, above=0)
+        _image(mask, self.origin, self.spacing)
+        _validate.number("shape.smoothing", self.smoothing, least=0)
 
     @property
     def exact(self) -> bool:
@@ -168,41 +146,21 @@ class Mask(_Image):
     @property
     def volume(self) -> float:
         """Voxel count times voxel volume, µm³."""
-        return float(self.mask.sum() * np.prod(self._steps()))
+        return float(self.mask.sum() * np.prod(_steps(self.spacing)))
 
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
-        """Smoothed distance to the mask's surface, positive inside."""
-        from scipy.ndimage import distance_transform_edt, gaussian_filter
-
-        steps, (low, high) = self._steps(), self.bounds()
-        pad = int(np.ceil(_reach(x, y, z, low, high) / steps.min())) + 2
-        voxels = np.argwhere(self.mask)
-        first, last = voxels.min(0), voxels.max(0) + 1
-        mask = np.pad(self.mask[tuple(map(slice, first, last))], pad)
-        half = 0.5 * steps.min()
-        inside = distance_transform_edt(mask, sampling=steps)
-        outside = distance_transform_edt(~mask, sampling=steps)
-        distance = np.where(mask, inside - half, half - outside)
-        smooth = gaussian_filter(distance, 1.0)
-        corner = np.asarray(self.origin, float) + (first - pad) * steps
-        return Mask(mask=mask, origin=corner, spacing=steps)._interpolate(smooth, x, y, z)
+        """Depth below the smoothed surface, positive inside."""
+        origin, steps = np.asarray(self.origin, float), _steps(self.spacing)
+        reach = _reach(x, y, z, *self.bounds())
+        return depth_image(self.mask, origin, steps, reach, self.smoothing).at(x, y, z)
 
     def bounds(self) -> tuple[Floats, Floats]:
         """See `Shape`."""
-        return self._voxel_bounds(self.mask)
-
-
-def _reach(x: Floats, y: Floats, z: Floats, low: Floats, high: Floats) -> float:
-    """How far points lie beyond a box, at most."""
-    over = [
-        max(float(lo - np.min(p)), float(np.max(p) - hi), 0.0)
-        for p, lo, hi in zip((x, y, z), low, high, strict=True)
-    ]
-    return max(over)
+        return _image(self.mask, self.origin, self.spacing).bounds(self.mask)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Field(_Image):
+class Field:
     """A phase field given as an array; taken as it is where it lies on the scene's lattice.
 
     Attributes
@@ -221,25 +179,42 @@ class Field(_Image):
         if not (phi > 0.5).any():
             message = f"shape.phi has no value above 0.5 (largest {phi.max(initial=0):g})"
             raise ValueError(message + ": no cell is there")
-        _validate.vector("shape.origin", self.origin)
-        for value in self._steps():
-            _validate.number("shape.spacing", value, above=0)
+        _image(phi, self.origin, self.spacing)
 
     @property
     def volume(self) -> float:
         """∫ φ in µm³."""
-        return float(np.sum(self.phi, dtype=np.float64) * np.prod(self._steps()))
+        return float(np.sum(self.phi, dtype=np.float64) * np.prod(_steps(self.spacing)))
 
     def values(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """φ at points in µm, linear between its own points, 0 beyond them."""
+        steps = _steps(self.spacing)
         padded = np.pad(np.asarray(self.phi, float), 1)
-        corner = np.asarray(self.origin, float) - self._steps()
-        wide = Field(phi=padded, origin=corner, spacing=self.spacing)
-        return wide._interpolate(padded, x, y, z)
+        return Image(padded, np.asarray(self.origin, float) - steps, steps).at(x, y, z)
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Box around all values that are not negligible."""
-        return self._voxel_bounds(np.abs(self.phi) > 1e-6)
+        return _image(self.phi, self.origin, self.spacing).bounds(np.abs(self.phi) > 1e-6)
+
+
+def _steps(spacing: ArrayLike) -> Floats:
+    return np.array(np.broadcast_to(np.asarray(spacing, float), 3))
+
+
+def _image(values: NDArray, origin: ArrayLike, spacing: ArrayLike) -> Image:
+    """Image with its place checked."""
+    for step in _steps(spacing):
+        _validate.number("shape.spacing", step, above=0)
+    return Image(values, _validate.vector("shape.origin", origin), _steps(spacing))
+
+
+def _reach(x: Floats, y: Floats, z: Floats, low: Floats, high: Floats) -> float:
+    """How far points lie beyond a box, at most."""
+    over = [
+        max(float(lo - np.min(p)), float(np.max(p) - hi), 0.0)
+        for p, lo, hi in zip((x, y, z), low, high, strict=True)
+    ]
+    return max(over)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
