@@ -1,0 +1,57 @@
+"""Time and memory of a step: close-packed cells, 1 and 2 threads, near and far pairs.
+
+Run as `python benchmarks/step.py`. All variants run in turn in one process.
+"""
+
+from typing import Any
+
+from _common import alternating_medians, arguments, packed_scene, report, stepper
+
+from morphosim import Cell, Numerics, Physics, Scene, Simulation, Sphere
+
+
+def pair(distance: float) -> Simulation:
+    """Two cells of R = 4 µm with their centres `distance` µm apart."""
+    cells = [
+        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=4))
+        for name, x in (("a", 0.0), ("b", distance))
+    ]
+    return Simulation(Scene(cells=cells, physics=Physics(sigma=0.5), numerics=Numerics(dt=1.5)))
+
+
+def row(name: str, simulation: Simulation, seconds: float) -> dict[str, Any]:
+    """One line of the table."""
+    cells = len(simulation.cells)
+    return {
+        "scene": name,
+        "threads": simulation.engine.workers,
+        "ms per step": 1e3 * seconds,
+        "us per cell": 1e6 * seconds / cells,
+        "MB per cell": simulation.engine.nbytes / cells / 1e6,
+        "box": "x".join(map(str, simulation.engine.pool.shape[0])),
+    }
+
+
+def main() -> None:
+    """Measure and report."""
+    options = arguments(__doc__, cells=100, many=1000, rounds=15)
+    few, many = f"{options.cells} cells", f"{options.many} cells"
+    simulations = {
+        (few, 1): Simulation(packed_scene(options.cells, threads=1)),
+        (few, 2): Simulation(packed_scene(options.cells, threads=2)),
+        (many, 2): Simulation(packed_scene(options.many, threads=2)),
+        ("touching pair", 2): pair(8.0),
+        ("pair 10 mm apart", 2): pair(10_000.0),
+    }
+    medians = alternating_medians(
+        {str(key): stepper(s) for key, s in simulations.items()}, options.rounds
+    )
+    rows = [row(key[0], s, medians[str(key)]) for key, s in simulations.items()]
+    report(rows, options.json)
+    print(f"two threads against one: {rows[0]['ms per step'] / rows[1]['ms per step']:.2f} times")
+    ratio = rows[2]["us per cell"] / rows[1]["us per cell"]
+    print(f"cost per cell, {many} against {few}: {ratio:.2f} times")
+
+
+if __name__ == "__main__":
+    main()
