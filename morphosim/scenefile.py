@@ -82,7 +82,7 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     shapes = _shapes(rows, confinement, folder)
     return Scene(
         cells=[_cell(row, shape) for row, shape in zip(rows, shapes, strict=True)],
-        physics=_physics(table.get("physics", {})),
+        physics=_physics(table.get("physics", {}), [row.get("name") for row in rows]),
         numerics=_build(Numerics, table.get("numerics", {}), "numerics"),
         confinement=confinement,
         **{key: table[key] for key in _SCALARS if key in table},
@@ -103,18 +103,25 @@ def _build(cls: type, table: Mapping[str, Any], where: str) -> Any:
         raise ValueError(message) from error
 
 
-def _physics(table: Mapping[str, Any]) -> Physics:
+def _physics(table: Mapping[str, Any], names: list[Any]) -> Physics:
     values = dict(table)
     sigma = values.get("sigma")
     if isinstance(sigma, Mapping):
-        values["sigma"] = _attraction(sigma)
+        values["sigma"] = _attraction(sigma, names)
     physics: Physics = _build(Physics, values, "physics")
     return physics
 
 
-def _attraction(table: Mapping[str, Any]) -> Attraction:
-    """Table with `default`, and lists of [from, to, value] in `types` and `pairs`."""
-    _validate.keys("physics.sigma", table, ("default", "types", "pairs"))
+def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
+    """Attraction from a table.
+
+    It has a full `matrix` in the order of the cells, row j the pull of cell j; or a `default`, and
+    lists of [from, to, value] in `types` and `pairs`.
+    """
+    _validate.keys("physics.sigma", table, ("default", "types", "pairs", "matrix"))
+    if "matrix" in table:
+        _validate.keys("physics.sigma with a matrix", table, ("matrix",))
+        return Attraction.from_matrix(names, table["matrix"])
     values: dict[str, Any] = {"default": table.get("default", 0.0)}
     for key in ("types", "pairs"):
         values[key] = {}

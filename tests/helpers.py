@@ -97,5 +97,7 @@ def centroids(engine: Engine) -> NDArray[np.float64]:
     for i in range(len(engine)):
         box, origin = engine.pool.box(i).astype(float), engine.pool.origin[i]
         axes = np.indices(box.shape, sparse=True)
-        result[i] = [(box * (a + o)).sum() / box.sum() * h for a, o in zip(axes, origin, strict=True)]
+        result[i] = [
+            (box * (a + o)).sum() / box.sum() * h for a, o in zip(axes, origin, strict=True)
+        ]
     return result
