@@ -81,7 +81,7 @@ def step_implicit(
                 repulsion, psi, force[worker], rhs, stencil, scheme, limits.half,
             )  # fmt: skip
             helmholtz_solve(
-                rhs, work[worker, OTHER], boxes.shape[i, 0], boxes.shape[i, 1],
+                rhs, work[worker, OTHER], work[worker, REPULSION], boxes.shape[i, 0], boxes.shape[i, 1],
                 boxes.shape[i, 2], cosines, scheme.lhs, terms.gamma[i],
             )  # fmt: skip
             accept(i, phi, rhs, boxes, limits, surveys)
@@ -111,7 +111,7 @@ def step_explicit(
             size = box_size(i, boxes)
             diffusion[:size] = phi[boxes.start[i] : boxes.start[i] + size]
             laplacian(
-                diffusion, other, boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
+                diffusion, other, work[worker, REPULSION], boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
                 cosines, terms.gamma[i],
             )  # fmt: skip
             for p in range(size):

@@ -16,6 +16,7 @@ from morphosim.boxes import BoxPool
 from morphosim.confinement import Confinement
 from morphosim.interactions import Interactions
 from morphosim.kernels import step as kernels
+from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.noise import normal_vectors
 from morphosim.kernels.pairs import accumulate_pairs
@@ -210,6 +211,7 @@ class Engine:
     def _reserve(self) -> None:
         """Work space for the largest box, and pools that only some scenes need."""
         size, row = int(self.pool.sizes().max()), int(self.pool.shape[:, 2].max())
+        size = max(size, COLUMNS * int(self.pool.shape.max()))
         if self._work.shape[2] < size:
             self._work = np.zeros((self.workers, kernels.N_WORK, size), self.dtype)
         if self._force.shape[1] < row:

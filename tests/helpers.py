@@ -77,7 +77,8 @@ def on_grid(engine: Engine, low: ArrayLike, shape: Sequence[int]) -> NDArray[np.
     for i in range(len(engine)):
         first = engine.pool.origin[i] - np.asarray(low)
         last = first + engine.pool.shape[i]
-        assert (first >= 0).all() and (last <= np.asarray(shape)).all(), "box outside the grid"
+        assert np.all(first >= 0), "box outside the grid"
+        assert np.all(last <= np.asarray(shape)), "box outside the grid"
         full[i][tuple(slice(a, b) for a, b in zip(first, last, strict=True))] = engine.pool.box(i)
     return full
 

@@ -20,7 +20,8 @@ def surveyed(way: str, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, np.int64(7), *np.array(field.shape), np.float64(TOLERANCE), np.float64(LIMIT),
         np.float64(0.5), spans, np.int64(3), out,
     )  # fmt: skip
-    assert (spans[:3] == -1).all() and (spans[-3:] == -1).all()
+    assert (spans[:3] == -1).all()
+    assert (spans[-3:] == -1).all()
     return out, spans[3:-3]
 
 
@@ -105,5 +106,6 @@ def test_move_box_keeps_the_lattice_and_tells_what_is_lost(shift: tuple, way: st
         if (goal >= 0).all() and (goal < new_shape).all():
             expected[tuple(goal)] = value
     np.testing.assert_array_equal(target[5:-4].reshape(new_shape), expected)
-    assert (target[:5] == 9).all() and (target[-4:] == 9).all()
+    assert (target[:5] == 9).all()
+    assert (target[-4:] == 9).all()
     assert lost == pytest.approx(old.sum() - expected.sum(), abs=1e-12)

@@ -1,0 +1,72 @@
+"""Every kernel is compiled lazily, cached, and without the flags that hide a divergence."""
+
+import inspect
+import pkgutil
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+from numba.core.registry import CPUDispatcher
+
+from morphosim import kernels
+from morphosim.kernels._jit import FAST_MATH
+
+MODULES = [f"{kernels.__name__}.{found.name}" for found in pkgutil.iter_modules(kernels.__path__)]
+NAME = "kernel"
+
+
+def public_functions(name: str) -> dict[str, object]:
+    """Functions and kernels that a module defines, by name."""
+    return {
+        key: value
+        for key, value in vars(import_module(name)).items()
+        if getattr(value, "__module__", None) == name
+        and not key.startswith("_")
+        and not inspect.isclass(value)
+    }
+
+
+KERNELS = [
+    pytest.param(value, id=f"{name.rpartition('.')[2]}.{key}")
+    for name in MODULES
+    if not name.rpartition(".")[2].startswith("_")
+    for key, value in public_functions(name).items()
+]
+
+
+def test_the_guard_sees_the_kernels() -> None:
+    names = {param.id for param in KERNELS}
+    assert {"step.step_implicit", "tiles.accumulate", "stencils.derivative"} <= names
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_kernel_options(kernel: object) -> None:
+    assert isinstance(kernel, CPUDispatcher)
+    options = kernel.targetoptions
+    assert options["error_model"] == "numpy"
+    assert set(options["fastmath"]) == FAST_MATH
+    assert options["nogil"] is True
+    assert options.get("boundscheck") is False
+    assert kernel.stats.cache_path is not None, "not cached on disk"
+    assert inspect.getdoc(kernel.py_func)
+
+
+def test_fast_math_keeps_nan_and_infinity() -> None:
+    assert isinstance(FAST_MATH, frozenset)
+    assert not FAST_MATH & {"fast", "nnan", "ninf"}
+
+
+def test_import_compiles_nothing() -> None:
+    code = (
+        "import sys, importlib\n"
+        "from numba.core.dispatcher import Dispatcher\n"
+        "import morphosim.engine\n"
+        "modules = [importlib.import_module(name) for name in sys.argv[1:]]\n"
+        "kernels = [k for m in modules for k in vars(m).values() if isinstance(k, Dispatcher)]\n"
+        "assert len(kernels) > 10\n"
+        "compiled = [k.__name__ for k in kernels if k.signatures]\n"
+        "sys.exit(f'compiled at import: {compiled}' if compiled else 0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *MODULES], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
