@@ -70,7 +70,7 @@ def depth_image(
     depth = np.where(padded, inside - half, half - outside)
     if smoothing > 0:
         width = float(np.mean(window * steps))
-        blur = uniform_filter(padded.astype(np.float64), window, mode="constant")
+        blur = uniform_filter(padded.astype(np.float64), window.tolist(), mode="constant")
         near = np.abs(blur - 0.5) < 0.5 - 1e-9
         far = np.sign(depth) * np.maximum(np.abs(depth), width / 2)
         depth = np.where(near, width * (blur - 0.5), far)

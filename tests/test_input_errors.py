@@ -73,6 +73,9 @@ def of_all(table: dict) -> list[tuple[type, str]]:
     return [(cls, name) for cls, names in table.items() for name in names]
 
 
+NUMBERS = of_all(POSITIVE) + of_all(NOT_NEGATIVE)
+
+
 def label(cls: type, name: str) -> str:
     return f"{cls.__name__.lower()}.{name}"
 
@@ -89,18 +92,15 @@ def test_a_parameter_must_not_be_negative(cls: type, name: str, value: float) ->
     fails(lambda: cls(**{name: value}), label(cls, name), repr(value), "finite and >= 0")
 
 
-@pytest.mark.parametrize(("cls", "name"), of_all(POSITIVE) + of_all(NOT_NEGATIVE))
+@pytest.mark.parametrize(("cls", "name"), NUMBERS)
 @pytest.mark.parametrize("value", [True, "2.0", [1.0, 2.0], 1j])
 def test_a_parameter_must_be_a_number(cls: type, name: str, value: Any) -> None:
     fails(lambda: cls(**{name: value}), label(cls, name), repr(value), "not a number")
 
 
-@pytest.mark.parametrize(
-    ("cls", "name"), [pair for pair in of_all(POSITIVE | NOT_NEGATIVE) if pair[1] != "start_S"]
-)
+@pytest.mark.parametrize(("cls", "name"), [p for p in NUMBERS if p[1] not in ("M", "start_S")])
 def test_a_parameter_must_not_be_none(cls: type, name: str) -> None:
-    if name != "M":  # None is its default
-        fails(lambda: cls(**{name: None}), label(cls, name), "None")
+    fails(lambda: cls(**{name: None}), label(cls, name), "None", "not a number")
 
 
 @pytest.mark.parametrize("name", WHOLE)
