@@ -230,7 +230,14 @@ def time_index(run: "xr.Dataset", time: float | None) -> int:
 
 
 def load_fields(run: "xr.Dataset", index: int) -> list[CellField]:
-    """Fields of all cells at one save."""
+    """Fields of all cells at one save; a negative index counts from the last.
+
+    Raises
+    ------
+    IndexError
+        There is no such save.
+    """
+    index = range(run.sizes["time"])[index]
     boxes = np.flatnonzero(run["box_time"].values == index)
     sizes = run["row_size"].values
     starts = np.concatenate([[0], np.cumsum(sizes)])
