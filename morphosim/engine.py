@@ -148,19 +148,12 @@ class Engine:
         return np.flatnonzero(self.pool.surveys[:, 2] == 0)
 
     def remove(self, i: int) -> None:
-        """Take cell i out; the next step is of first order for all cells."""
+        """Take cell i out; the others keep their history."""
         self.pool.remove(i)
         del self.names[i], self.types[i]
         for name in ("gamma", "frozen", "ids", "face_peak"):
             setattr(self, name, np.delete(getattr(self, name), i))
-        self.restart_history()
         self._relist()
-
-    def restart_history(self) -> None:
-        """Forget φⁿ⁻¹ and Fⁿ⁻¹: after an event the next step is of first order."""
-        self.fresh = True
-        if self.pool.history is not None:
-            self.pool.history[:] = 0
 
     def _relist(self) -> None:
         """Set up all that depends on which cells there are."""
