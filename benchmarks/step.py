@@ -10,7 +10,6 @@ import time
 from typing import Any
 
 import numpy as np
-
 from _common import alternating_medians, arguments, packed_scene, report, stepper
 
 from morphosim import Cell, Numerics, Physics, Scene, Simulation, Sphere

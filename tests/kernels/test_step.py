@@ -9,6 +9,7 @@ from scipy.fft import dctn, idctn
 
 from morphosim.kernels.boxes import survey
 from morphosim.kernels.forces import right_hand_side
+from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import Boxes, CellTerms, Interaction, Limits, Scheme
 from morphosim.kernels.step import N_WORK, accept_all, prepare_all, step_explicit, step_implicit
 from morphosim.transforms import CosineTables
@@ -26,7 +27,8 @@ class Setting:
 
     def __init__(self, lhs: float, a1: float, drift: bool) -> None:
         self.boxes, self.phi = make_boxes(seed=13)
-        n, size = len(self.boxes.start), int(self.boxes.shape.prod(axis=1).max())
+        n, shape = len(self.boxes.start), self.boxes.shape
+        size = max(int(shape.prod(axis=1).max()), COLUMNS * int(shape.max()))
         self.phi[np.isnan(self.phi)] = 7.0  # a sentinel that can be compared
         self.terms = make_terms(n, drift)
         self.history = np.random.default_rng(14).random(len(self.phi))

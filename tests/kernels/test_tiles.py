@@ -139,3 +139,25 @@ def test_cells_feel_the_others_and_the_background(
             if pairs:
                 pulled += box(pair_potential, boxes, i)
             np.testing.assert_allclose(psi[:size], pulled.ravel(), rtol=1e-12, atol=1e-13)
+
+
+@both_ways
+def test_a_cell_does_not_feel_itself(way: str) -> None:
+    """Not even where its field is too faint for the band."""
+    boxes, phi = make_boxes(seed=11)
+    phi[:] = 0
+    boxes.spans[:] = 99, 0
+    alone = make_boxes(seed=11)
+    nx, ny, _ = boxes.shape[0]
+    rows = slice(boxes.row_start[0], boxes.row_start[0] + nx * ny)
+    boxes.spans[rows] = alone[0].spans[rows]
+    faint = np.random.default_rng(15).random(tuple(boxes.shape[0])) * 1e-3
+    box(phi, boxes, 0)[:] = box(alone[1], boxes, 0) + faint
+    cover = Cover(boxes, way)
+    tiles = cover.tiles(background=False, n_types=3)
+    interaction = Interaction(g=G, types=TYPES, pull=PULL)
+    taken(accumulate, way)(cover.lists(), phi, boxes, interaction, tiles)
+    repulsion, psi = (np.full(boxes.shape[0].prod(), np.nan) for _ in range(2))
+    taken(gather, way)(0, phi, boxes, interaction, tiles, None, repulsion, psi)
+    np.testing.assert_allclose(repulsion, 0, atol=1e-14)
+    np.testing.assert_allclose(psi, 0, atol=1e-14)
