@@ -92,7 +92,7 @@ def multiply_by_symbol(spectrum, nx, ny, nz, cosines, factor):
 
 @kernel()
 def helmholtz_solve(work, other, spare, nx, ny, nz, cosines, lhs, gamma):
-    """work = (lhs - γΔ)⁻¹ work with Neumann faces.
+    """Replace `work` by (lhs - γΔ)⁻¹ of it, with Neumann faces.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def helmholtz_solve(work, other, spare, nx, ny, nz, cosines, lhs, gamma):
 
 @kernel()
 def laplacian(work, other, spare, nx, ny, nz, cosines, gamma):
-    """work = γΔ work with Neumann faces; parameters as for `helmholtz_solve`."""
+    """Replace `work` by γΔ of it; parameters as for `helmholtz_solve`."""
     transform(work, other, nx, ny, nz, cosines, False, spare)
     multiply_by_symbol(other, nz, ny, nx, cosines, -gamma)
     transform(other, work, nz, ny, nx, cosines, True, spare)

@@ -40,16 +40,23 @@ def prepare(
 
 @kernel()
 def accept(i, phi, values, boxes, limits, surveys):
-    """Survey the new field of cell i and, unless it diverges, store it."""
+    """Survey the new field of cell i and store it; a field that diverges is only counted."""
     first = boxes.start[i]
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
     survey(
         values, 0, nx, ny, nz, limits.tolerance, limits.runaway, limits.half,
         boxes.spans, boxes.row_start[i], surveys[i],
     )  # fmt: skip
-    if surveys[i, 3] == 0:
+    bad = surveys[i, 3]
+    if bad == 0:
         size = nx * ny * nz
         phi[first : first + size] = values[:size]
+    else:
+        survey(
+            phi, first, nx, ny, nz, limits.tolerance, limits.runaway, limits.half,
+            boxes.spans, boxes.row_start[i], surveys[i],
+        )  # fmt: skip
+        surveys[i, 3] = bad
 
 
 @parallel_kernel()
@@ -81,8 +88,9 @@ def step_implicit(
                 repulsion, psi, force[worker], rhs, stencil, scheme, limits.half,
             )  # fmt: skip
             helmholtz_solve(
-                rhs, work[worker, OTHER], work[worker, REPULSION], boxes.shape[i, 0], boxes.shape[i, 1],
-                boxes.shape[i, 2], cosines, scheme.lhs, terms.gamma[i],
+                rhs, work[worker, OTHER], work[worker, REPULSION],
+                boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
+                cosines, scheme.lhs, terms.gamma[i],
             )  # fmt: skip
             accept(i, phi, rhs, boxes, limits, surveys)
 
@@ -111,8 +119,8 @@ def step_explicit(
             size = box_size(i, boxes)
             diffusion[:size] = phi[boxes.start[i] : boxes.start[i] + size]
             laplacian(
-                diffusion, other, work[worker, REPULSION], boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
-                cosines, terms.gamma[i],
+                diffusion, other, work[worker, REPULSION],
+                boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2], cosines, terms.gamma[i],
             )  # fmt: skip
             for p in range(size):
                 rhs[p] += scheme.a1 * diffusion[p]

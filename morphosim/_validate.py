@@ -89,6 +89,45 @@ def array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray
     return result
 
 
+def text(name: str, value: Any) -> None:
+    """Raise TypeError unless `value` is a text."""
+    if not isinstance(value, str):
+        message = f"{name} = {value!r} is not a text"
+        raise TypeError(message)
+
+
+def flag(name: str, value: Any) -> None:
+    """Raise TypeError unless `value` is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        message = f"{name} = {value!r} is not true or false"
+        raise TypeError(message)
+
+
+def instance(name: str, value: Any, kind: type) -> None:
+    """Raise TypeError unless `value` is of this class."""
+    if not isinstance(value, kind):
+        message = f"{name} = {value!r} is not of type {kind.__name__}"
+        raise TypeError(message)
+
+
+def spacing(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value`, one number or three, as (3,) positive numbers, or raise ValueError."""
+    if np.ndim(value) == 0:
+        return np.full(3, number(name, np.asarray(value).item(), above=0))
+    steps = array(name, value, (3,))
+    for step in steps:
+        number(name, step, above=0)
+    return steps
+
+
+def image(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+    """Return a 3-D image as bool, true where it is not 0; raise ValueError if it holds NaN."""
+    if np.ndim(value) != 3:
+        message = f"{name} has shape {np.shape(value)}; expected three axes (x, y, z)"
+        raise ValueError(message)
+    return np.asarray(array(name, value, (None, None, None)) != 0)
+
+
 def unique(name: str, values: Iterable[str]) -> None:
     """Raise ValueError naming the first value that occurs twice."""
     seen = set()

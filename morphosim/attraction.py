@@ -46,8 +46,12 @@ class Attraction:
     def __post_init__(self) -> None:
         _validate.number("sigma.default", self.default, least=0)
         for label, table in (("types", self.types), ("pairs", self.pairs)):
-            for (j, i), value in table.items():
-                _validate.number(f"sigma.{label}[{j!r}, {i!r}]", value, least=0)
+            _validate.instance(f"sigma.{label}", table, Mapping)
+            for key, value in table.items():
+                if not isinstance(key, tuple) or len(key) != 2:
+                    message = f"sigma.{label} has the key {key!r}; expected a pair of names"
+                    raise ValueError(message)
+                _validate.number(f"sigma.{label}[{key[0]!r}, {key[1]!r}]", value, least=0)
 
     @classmethod
     def from_matrix(cls, names: Sequence[str], matrix: ArrayLike) -> "Attraction":

@@ -32,6 +32,20 @@ class Confinement(Protocol):
         """Lower and upper corner, in µm, of a box that holds the inside."""
 
 
+def _is_width(value: Any) -> bool:
+    """Whether a value is a positive number; inf is one."""
+    return isinstance(value, int | float | np.number) and bool(value > 0)
+
+
+def _check_corners(lower: ArrayLike, upper: ArrayLike) -> None:
+    """Raise ValueError unless two corners span a box."""
+    low = _validate.vector("confinement.lower", lower)
+    high = _validate.vector("confinement.upper", upper)
+    if not (high > low).all():
+        message = f"confinement.upper = {upper!r} must exceed lower = {lower!r}"
+        raise ValueError(message)
+
+
 def _profile(depth: Floats, width: float) -> Floats:
     """(1 - tanh(depth / width)) / 2; a hard wall, 1 where depth <= 0, at zero width."""
     if width == 0:
@@ -61,8 +75,8 @@ class EllipsoidShell:
         _validate.vector("confinement.center", self.center)
         for axis, value in zip("xyz", _validate.vector("semi_axes", self.semi_axes), strict=True):
             _validate.number(f"confinement.semi_axes ({axis})", value, above=0)
-        cut = np.asarray(self.cut, dtype=np.float64)
-        if cut.shape != (3,) or not (cut > 0).all():
+        half_widths = np.ravel(np.asarray(self.cut, dtype=object))
+        if len(half_widths) != 3 or not all(_is_width(w) for w in half_widths):
             message = f"confinement.cut = {self.cut!r}: expected three half-widths > 0 (inf: none)"
             raise ValueError(message)
         _validate.number("confinement.width", self.width, least=0)
@@ -98,11 +112,7 @@ class BoxWalls:
     width: float = 0.0
 
     def __post_init__(self) -> None:
-        low = _validate.vector("confinement.lower", self.lower)
-        high = _validate.vector("confinement.upper", self.upper)
-        if not (high > low).all():
-            message = f"confinement.upper = {self.upper!r} must exceed lower = {self.lower!r}"
-            raise ValueError(message)
+        _check_corners(self.lower, self.upper)
         _validate.number("confinement.width", self.width, least=0)
 
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
@@ -140,14 +150,16 @@ class MaskWalls:
     spacing: ArrayLike = 0.5
 
     def __post_init__(self) -> None:
-        inside = np.asarray(self.inside) != 0
-        if inside.ndim != 3 or not inside.any():
-            message = f"confinement.inside has shape {inside.shape} and {inside.sum()} voxels"
+        inside = np.asarray(self.inside)
+        if inside.ndim == 3 and inside.any():
+            inside = _validate.image("confinement.inside", inside)
+        else:
+            count = np.count_nonzero(inside)
+            message = f"confinement.inside has shape {inside.shape} and {count} voxels"
             raise ValueError(message + " set; expected a 3-D image with an inside")
         object.__setattr__(self, "inside", inside)
         _validate.vector("confinement.origin", self.origin)
-        for value in np.broadcast_to(np.asarray(self.spacing, float), 3):
-            _validate.number("confinement.spacing", value, above=0)
+        _validate.spacing("confinement.spacing", self.spacing)
 
     def field(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """φ_e of the nearest voxel."""
@@ -188,13 +200,17 @@ class FunctionWalls:
         if not callable(self.function):
             message = f"confinement.function = {self.function!r} cannot be called"
             raise TypeError(message)
-        _validate.vector("confinement.lower", self.lower)
-        _validate.vector("confinement.upper", self.upper)
+        _check_corners(self.lower, self.upper)
 
     def field(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """φ_e, checked to be finite and between 0 and 1."""
         shape = np.broadcast_shapes(np.shape(x), np.shape(y), np.shape(z))
-        values = np.broadcast_to(np.asarray(self.function(x, y, z), dtype=np.float64), shape)
+        values = np.asarray(self.function(x, y, z), dtype=np.float64)
+        try:
+            values = np.broadcast_to(values, shape)
+        except ValueError as error:
+            message = f"confinement.function gives shape {values.shape} for points of {shape}"
+            raise ValueError(message) from error
         if not ((values >= 0) & (values <= 1)).all():
             message = (
                 f"confinement.function gives values from {values.min():g} to {values.max():g}; "

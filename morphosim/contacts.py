@@ -58,6 +58,8 @@ def surface_faces(
     from skimage.measure import marching_cubes
 
     phi = np.pad(np.asarray(cell.phi, np.float32), 1)
+    if phi.max() <= SURFACE_LEVEL:
+        return np.zeros((0, 3)), np.zeros(0)
     vertices, faces, _, _ = marching_cubes(phi, SURFACE_LEVEL)
     corners = vertices[faces] + (cell.origin - 1)
     edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 NEGLIGIBLE = 1e-5
 """Fields are laid out to where their profile falls below this."""
+LEAST_POINTS = 27
+"""A cell that is above 1/2 at fewer lattice points is not resolved: its radius is below 2 h."""
 
 
 def lattice_field(cell: "Cell", scale: float, spacing: float) -> tuple[NDArray[np.int64], Floats]:
@@ -33,17 +35,19 @@ def lattice_field(cell: "Cell", scale: float, spacing: float) -> tuple[NDArray[n
     Raises
     ------
     ValueError
-        The shape is too small for the lattice: its field nowhere exceeds 1/2.
+        The shape is too small for the lattice: its field exceeds 1/2 at too few points.
     """
     shape = cell.shape
     if isinstance(shape, Field):
         origin, phi = _from_field(shape, spacing)
     else:
         origin, phi = _from_depth(shape, scale, spacing)
-    if not (phi > 0.5).any():
+    points = np.count_nonzero(phi > 0.5)
+    if points < LEAST_POINTS:
         message = (
-            f"cell {cell.name!r}: its start field nowhere exceeds 0.5 on a lattice of "
-            f"{spacing:g} µm; make the shape larger or the spacing finer"
+            f"cell {cell.name!r}: its start field exceeds 0.5 at {points} points of a lattice of "
+            f"{spacing:g} µm, at least {LEAST_POINTS} are needed; make the shape larger or the "
+            "spacing finer"
         )
         raise ValueError(message)
     return origin, phi

@@ -55,9 +55,9 @@ class Physics:
         for name in ("tau", "gamma", "c"):
             _validate.number(f"physics.{name}", getattr(self, name), above=0)
         _validate.choice("physics.volume_constraint", self.volume_constraint, VOLUME_CONSTRAINTS)
-        if self.M is None:
-            object.__setattr__(self, "M", _DEFAULT_M[self.volume_constraint])
-        for name in ("M", "g", "g_e", "kappa"):
+        if self.M is not None:
+            _validate.number("physics.M", self.M, least=0)
+        for name in ("g", "g_e", "kappa"):
             _validate.number(f"physics.{name}", getattr(self, name), least=0)
         if not isinstance(self.sigma, Attraction):
             value = _validate.number("physics.sigma", self.sigma, least=0)
@@ -65,9 +65,9 @@ class Physics:
 
     @property
     def volume_strength(self) -> float:
-        """`M`, resolved; 0 where the volume is not constrained."""
-        assert self.M is not None
-        return 0.0 if self.volume_constraint == "none" else self.M
+        """`M` or its default; 0 where the volume is not constrained."""
+        default = _DEFAULT_M[self.volume_constraint]
+        return default if self.M is None or self.volume_constraint == "none" else self.M
 
     @property
     def attraction(self) -> Attraction:

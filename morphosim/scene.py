@@ -82,6 +82,8 @@ class Cell:
         if not callable(getattr(self.shape, "bounds", None)):
             message = f"cell {self.name!r}: shape = {self.shape!r} is not a shape"
             raise TypeError(message)
+        _validate.text(f"cell {self.name!r}: type", self.type)
+        _validate.flag(f"cell {self.name!r}: frozen", self.frozen)
         if self.gamma is not None:
             _validate.number(f"cell {self.name!r}: gamma", self.gamma, above=0)
         self.target_volume(0.0)
@@ -133,10 +135,19 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
+        _validate.instance("scene.cells", self.cells, Sequence)
+        for k, cell in enumerate(self.cells):
+            _validate.instance(f"scene.cells[{k}]", cell, Cell)
         object.__setattr__(self, "cells", tuple(self.cells))
         if not self.cells:
             message = "scene.cells is empty; a scene needs at least one cell"
             raise ValueError(message)
+        _validate.instance("scene.physics", self.physics, Physics)
+        _validate.instance("scene.numerics", self.numerics, Numerics)
+        if self.confinement is not None and not hasattr(self.confinement, "field"):
+            message = f"scene.confinement = {self.confinement!r} is not a confinement, nor None"
+            raise TypeError(message)
+        _validate.text("scene.name", self.name)
         _validate.unique("cell name", self.names)
         _validate.number("scene.duration", self.duration, least=0)
         _validate.number("scene.save_every", self.save_every, above=0)

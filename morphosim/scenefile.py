@@ -76,8 +76,12 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     """Scene from the content of a scene file; array files are looked up in `folder`."""
     _validate.keys("the scene", table, (*_SCALARS, *_TABLES))
     rows = table.get("cells", [])
+    _validate.instance("cells", rows, list)
     for k, row in enumerate(rows):
         _validate.keys(f"cells[{k}]", row, _names(Cell))
+        if "name" not in row:
+            message = f"cells[{k}] has no 'name'; every cell needs one"
+            raise ValueError(message)
     confinement = _confinement(table.get("confinement"), folder)
     shapes = _shapes(rows, confinement, folder)
     return Scene(
@@ -104,6 +108,7 @@ def _build(cls: type, table: Mapping[str, Any], where: str) -> Any:
 
 
 def _physics(table: Mapping[str, Any], names: list[Any]) -> Physics:
+    _validate.keys("physics", table, _names(Physics))
     values = dict(table)
     sigma = values.get("sigma")
     if isinstance(sigma, Mapping):
@@ -125,8 +130,9 @@ def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
     values: dict[str, Any] = {"default": table.get("default", 0.0)}
     for key in ("types", "pairs"):
         values[key] = {}
+        _validate.instance(f"physics.sigma.{key}", table.get(key, []), list)
         for row in table.get(key, []):
-            if len(row) != 3:
+            if not isinstance(row, list) or len(row) != 3:
                 message = f"physics.sigma.{key}: {row!r}; expected [from, to, value]"
                 raise ValueError(message)
             values[key][row[0], row[1]] = row[2]
@@ -137,10 +143,11 @@ def _typed(
     table: Mapping[str, Any] | None, kinds: Mapping[str, type], where: str, folder: Path
 ) -> Any:
     """Object named by `kind`, with arrays and functions looked up."""
+    known = [*kinds, "none" if kinds is CONFINEMENTS else "point"]
     if not isinstance(table, Mapping) or "kind" not in table:
-        message = f"{where} = {table!r}: expected a table with a kind out of {sorted(kinds)}"
+        message = f"{where} = {table!r}: expected a table with a kind out of {known}"
         raise ValueError(message)
-    _validate.choice(f"{where}.kind", table["kind"], kinds)
+    _validate.choice(f"{where}.kind", table["kind"], known)
     values = {
         key: _array(value, folder, f"{where}.{key}") if key in _ARRAYS else value
         for key, value in table.items()
@@ -154,13 +161,18 @@ def _typed(
 def _array(value: Any, folder: Path, where: str) -> Any:
     """Array given in the file, or as "file.npz:key"."""
     if not isinstance(value, str):
-        return np.asarray(value)
+        return _validate.array(where, value, (None, None, None))
     name, _, key = value.partition(":")
     path = folder / name
     if not path.exists():
         message = f"{where} = {value!r}: {path} does not exist"
         raise FileNotFoundError(message)
-    with np.load(path, allow_pickle=False) as arrays:
+    try:
+        arrays = np.load(path, allow_pickle=False)
+    except (ValueError, OSError) as error:
+        message = f"{where} = {value!r}: {path} is not an .npz file ({error})"
+        raise ValueError(message) from error
+    with arrays:
         _validate.choice(f"{where}: array in {name}", key, arrays.files)
         return arrays[key]
 
@@ -176,7 +188,10 @@ def _function(value: str, where: str) -> Callable[..., Any]:
 
 
 def _confinement(table: Mapping[str, Any] | None, folder: Path) -> Any:
-    if table is None or table.get("kind") == "none":
+    if table is None:
+        return None
+    if isinstance(table, Mapping) and table.get("kind") == "none":
+        _validate.keys("confinement of kind 'none'", table, ("kind",))
         return None
     return _typed(table, CONFINEMENTS, "confinement", folder)
 
@@ -187,15 +202,20 @@ def _shapes(rows: list[dict[str, Any]], confinement: Any, folder: Path) -> list[
     partition: Iterator[PowerCell] = iter(())
     if points:
         for row in points:
-            _validate.keys(f"cell {row.get('name')!r}: shape", row["shape"], ("kind", "position"))
-            if not isinstance(row.get("volume"), int | float):
-                message = f"cell {row.get('name')!r}: a shape of kind 'point' needs a volume"
+            _validate.keys(
+                f"cell {row['name']!r}: shape", row["shape"], ("kind", "position", "volume")
+            )
+            if not isinstance(_start_volume(row), int | float):
+                message = (
+                    f"cell {row['name']!r}: a shape of kind 'point' needs a volume, its own or "
+                    "the cell's"
+                )
                 raise ValueError(message)
         partition = iter(
             power_cells(
                 [row["name"] for row in points],
                 [row["shape"].get("position") for row in points],
-                [row["volume"] for row in points],
+                [_start_volume(row) for row in points],
                 confinement,
             )
         )
@@ -205,6 +225,11 @@ def _shapes(rows: list[dict[str, Any]], confinement: Any, folder: Path) -> list[
         else _typed(row.get("shape"), SHAPES, f"cell {row.get('name')!r}: shape", folder)
         for row in rows
     ]
+
+
+def _start_volume(row: Mapping[str, Any]) -> Any:
+    """Volume at which a point's cell starts: the shape's, else the cell's target."""
+    return row["shape"].get("volume", row.get("volume"))
 
 
 def _kind(row: Mapping[str, Any]) -> Any:
@@ -238,18 +263,22 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     table["numerics"] = _plain_table(scene.numerics)
     if scene.confinement is not None:
         table["confinement"] = _typed_table(
-            scene.confinement, CONFINEMENTS, arrays, archive, "walls"
+            scene.confinement, CONFINEMENTS, arrays, archive, "confinement"
         )
-    table["cells"] = [_cell_table(cell, arrays, archive) for cell in scene.cells]
+    table["cells"] = [
+        _cell_table(cell, arrays, archive, f"cell_{k}") for k, cell in enumerate(scene.cells)
+    ]
     if arrays:
         np.savez_compressed(path.with_name(archive), **arrays)  # type: ignore[arg-type]
-    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    path.write_text(tomli_w.dumps(_plain(table)), encoding="utf-8")
 
 
 def _plain(value: Any) -> Any:
     """Value as TOML can hold it."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(v) for v in value]
     return value
@@ -296,7 +325,10 @@ def _function_name(function: Callable[..., Any]) -> str:
     return name
 
 
-def _cell_table(cell: Cell, arrays: dict[str, np.ndarray], archive: str) -> dict[str, Any]:
+def _cell_table(
+    cell: Cell, arrays: dict[str, np.ndarray], archive: str, key: str
+) -> dict[str, Any]:
+    """Table of a cell; its array goes into `arrays` under `key`."""
     table: dict[str, Any] = {"name": cell.name}
     if cell.type:
         table["type"] = cell.type
@@ -313,7 +345,9 @@ def _cell_table(cell: Cell, arrays: dict[str, np.ndarray], archive: str) -> dict
         table["volume"] = cell.target_volume(0.0)
     if isinstance(cell.shape, PowerCell):
         position = cell.shape.partition.points[cell.shape.cell]
-        table["shape"] = {"kind": "point", "position": _plain(position)}
+        table["shape"] = {
+            "kind": "point", "position": position, "volume": cell.shape.volume,
+        }  # fmt: skip
     else:
-        table["shape"] = _typed_table(cell.shape, SHAPES, arrays, archive, cell.name)
+        table["shape"] = _typed_table(cell.shape, SHAPES, arrays, archive, key)
     return table

@@ -127,10 +127,7 @@ class Mask:
     smoothing: float = 4.5
 
     def __post_init__(self) -> None:
-        mask = np.asarray(self.mask) != 0
-        if mask.ndim != 3:
-            message = f"shape.mask has shape {mask.shape}; expected three axes (x, y, z)"
-            raise ValueError(message)
+        mask = _validate.image("shape.mask", self.mask)
         if not mask.any():
             message = "shape.mask is empty: no voxel is set"
             raise ValueError(message)
@@ -198,13 +195,11 @@ class Field:
 
 
 def _steps(spacing: ArrayLike) -> Floats:
-    return np.array(np.broadcast_to(np.asarray(spacing, float), 3))
+    return _validate.spacing("shape.spacing", spacing)
 
 
 def _image(values: NDArray, origin: ArrayLike, spacing: ArrayLike) -> Image:
     """Image with its place checked."""
-    for step in _steps(spacing):
-        _validate.number("shape.spacing", step, above=0)
     return Image(values, _validate.vector("shape.origin", origin), _steps(spacing))
 
 

@@ -255,11 +255,11 @@ def test_the_number_of_threads_does_not_matter() -> None:
 @two_threads
 @pytest.mark.parametrize("transform", ["scipy", "pyfftw"])
 def test_the_number_of_threads_does_not_matter_to_libraries(transform: str) -> None:
-    fields = [sphere((20.0 * i, 0.1, 0.2), 2.5, tail=1e-4) for i in range(6)]
-    runs = [
-        advance(make_engine(fields, transform=transform, threads=n, physics={"g": 0}), 10, [70] * 6)
-        for n in (1, 2)
-    ]
+    # Boxes of one shape and many steps, so that threads get into each other's way if they can.
+    fields = [sphere((20.0 * i, 0.1, 0.2), 2.5, tail=1e-4) for i in range(16)]
+    runs = [make_engine(fields, transform=transform, threads=n, physics={"g": 0}) for n in (1, 2)]
+    for engine in runs:
+        advance(engine, 40, [70.0] * 16)
     assert_same(*runs)
 
 

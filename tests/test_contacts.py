@@ -162,7 +162,6 @@ def test_pairs_are_named_in_the_order_of_the_cells() -> None:
     assert set(contact_areas(fields, H)) == set(touching(fields)) == pairs
 
 
-@pytest.mark.xfail(strict=True, reason="marching_cubes raises where no φ reaches 0.34")
 def test_a_cell_that_has_vanished_has_no_contact() -> None:
     # A scene with on_vanish = "ignore" keeps such a cell.
     gone = ball("gone", 5, 3.0)

@@ -33,11 +33,6 @@ from morphosim.initial import lattice_field
 H = 0.5
 
 
-def bug(text: str) -> pytest.MarkDecorator:
-    """Mark of a case that the package does not handle yet."""
-    return pytest.mark.xfail(reason=text, strict=True)
-
-
 def ball(name: str = "a", x: float = 0.0, **options: Any) -> Cell:
     return Cell(**({"name": name, "shape": Sphere(center=(x, 0, 0), radius=4)} | options))
 
@@ -170,9 +165,9 @@ def test_arrays_lie_beside_the_file_and_move_with_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("walls", marks=bug("the cell's mask is overwritten by that of the walls")),
-        pytest.param("file", marks=bug("TypeError of savez_compressed")),
-        pytest.param("allow_pickle", marks=bug("the array is not saved")),
+        pytest.param("walls"),
+        pytest.param("file"),
+        pytest.param("allow_pickle"),
         "scene",
         "a/b:c",
     ],
@@ -186,11 +181,10 @@ def test_any_name_of_a_cell_can_be_saved(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        pytest.param({"duration": np.int64(50)}, marks=bug("TypeError of tomli_w")),
-        pytest.param({"cells": [ball(gamma=np.float32(0.5))]}, marks=bug("TypeError of tomli_w")),
+        pytest.param({"duration": np.int64(50)}),
+        pytest.param({"cells": [ball(gamma=np.float32(0.5))]}),
         pytest.param(
             {"physics": Physics(sigma=Attraction(default=np.float32(0.5)))},
-            marks=bug("TypeError of tomli_w"),
         ),
         {"physics": Physics(gamma=np.float32(0.5), sigma=np.float64(0.5))},
     ],
@@ -200,7 +194,6 @@ def test_numbers_of_numpy_can_be_saved(tmp_path: Path, options: dict) -> None:
     assert same(with_volumes(scene), round_trip(scene, tmp_path))
 
 
-@bug("a saved cell of a partition with a VolumeCourse does not load: it 'needs a volume'")
 def test_a_cell_of_a_partition_may_grow(tmp_path: Path) -> None:
     course = VolumeCourse(times=[0, 10], volumes=[300, 400])
     cells = [replace(PARTITION.cells[0], volume=course), PARTITION.cells[1]]
@@ -208,7 +201,6 @@ def test_a_cell_of_a_partition_may_grow(tmp_path: Path) -> None:
     assert loaded.cells[0].target_volume(5) == 350
 
 
-@bug("the field changes: the file says 'volume' for both the shape and the target")
 def test_the_shape_of_a_cell_of_a_partition_does_not_depend_on_its_target(tmp_path: Path) -> None:
     cells = [replace(PARTITION.cells[0], volume=500.0), PARTITION.cells[1]]
     loaded = round_trip(replace(PARTITION, cells=cells), tmp_path)
@@ -279,7 +271,6 @@ def test_copies_with_changes_leave_the_rest() -> None:
     assert (scene.numerics.dt, scene.physics.gamma) == (2.0, 0.25)
 
 
-@bug("M stays the 8 of the relative constraint, 5000 times the absolute one's default")
 def test_a_changed_volume_constraint_has_its_own_default() -> None:
     changed = Scene(cells=[ball()]).with_physics(volume_constraint="absolute")
     assert changed.physics == Physics(volume_constraint="absolute")

@@ -13,7 +13,6 @@ from morphosim import kernels
 from morphosim.kernels._jit import FAST_MATH
 
 MODULES = [f"{kernels.__name__}.{found.name}" for found in pkgutil.iter_modules(kernels.__path__)]
-NAME = "kernel"
 
 
 def public_functions(name: str) -> dict[str, object]:

@@ -163,5 +163,6 @@ def test_a_cell_that_diverges_keeps_its_field(value: float, way: str) -> None:
     )  # fmt: skip
     np.testing.assert_array_equal(box(setting.phi, setting.boxes, 0), kept)
     assert setting.surveys[0, 3] > 0
+    assert setting.surveys[0, 0] == pytest.approx(kept.sum()), "not the volume of the kept field"
     assert setting.surveys[1, 3] == 0
     assert np.abs(box(setting.phi, setting.boxes, 1) - other).max() > 0.01
