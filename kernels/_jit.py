@@ -2,17 +2,72 @@
 
 Fast-math is used without `nnan` and `ninf`: with them a compiled `isfinite` is always true and a
 diverging run goes unnoticed. Nothing is compiled at import; compiled code is cached on disk.
+
+Numba notices a change of a kernel's own file only, not of the files that it calls. Our caches
+therefore lie in a folder named after the content of all kernel files: a change of any of them
+starts a new one.
 """
 
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from numba import njit
+import numba
 
 FAST_MATH = frozenset({"reassoc", "nsz", "arcp", "contract", "afn"})
 
-kernel = partial(
-    njit, error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False, cache=True
-)
+
+def _cache_folder() -> str:
+    """First of these that can be written to: NUMBA_CACHE_DIR, beside the kernels, the user's."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(here.glob("*.py"))))
+    user = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    bases = [here / "__pycache__", user / "morphosim", Path(tempfile.gettempdir()) / "morphosim"]
+    if numba.config.CACHE_DIR:
+        bases.insert(0, Path(numba.config.CACHE_DIR) / "morphosim")
+    for base in bases:
+        folder = base / digest.hexdigest()[:16]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            return str(folder)
+    return str(numba.config.CACHE_DIR)
+
+
+@contextmanager
+def _cached_in(folder: str) -> Iterator[None]:
+    """Numba's cache directory, for the dispatchers made within."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+_FOLDER = _cache_folder()
+
+
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator that makes a kernel; `options` are further ones of `numba.njit`."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        with _cached_in(_FOLDER):
+            return numba.njit(
+                error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False,
+                cache=True, **options,
+            )(function)  # fmt: skip
+
+    return decorate
+
+
 parallel_kernel = partial(kernel, parallel=True)
 inline_kernel = partial(kernel, forceinline=True)
 """For helpers of inner loops: a call that hands over a dozen arrays costs more than a row does."""

@@ -87,7 +87,9 @@ class Engine:
         self._cosines = CosineTables(
             numerics.spacing, numerics.laplacian, numerics.order, self.dtype
         )
-        self._library = _make_library(numerics.transform, self.dtype)
+        self._libraries = [
+            _make_library(numerics.transform, self.dtype) for _ in range(self.workers)
+        ]  # one per thread: an FFTW plan must not be shared
         self._work = np.zeros((self.workers, kernels.N_WORK, 0), self.dtype)
         self._force = np.zeros((self.workers, 0), self.dtype)
         self._pair_potential: NDArray[np.floating] | None = None
@@ -213,7 +215,7 @@ class Engine:
         self._pair_potential = self._matching(
             self._pair_potential, self._interactions.pairs is not None, length
         )
-        self._rhs = self._matching(self._rhs, self._library is not None, length)
+        self._rhs = self._matching(self._rhs, self._libraries[0] is not None, length)
 
     def _matching(
         self, pool: NDArray[np.floating] | None, wanted: bool, length: int
@@ -255,7 +257,7 @@ class Engine:
         """Force, implicit solve and survey of all cells that are stepped."""
         numbers = coefficients(self.numerics, self.physics.tau, self.fresh)
         scheme = Scheme(**{name: self._real(value) for name, value in numbers.items()})
-        if self._library is not None:
+        if self._libraries[0] is not None:
             self._advance_with_library(scheme)
             return
         shared = (
@@ -288,26 +290,32 @@ class Engine:
         )  # fmt: skip
         with ThreadPoolExecutor(self.workers) as threads:
             lists = [self._order[a:b] for a, b in zip(self._bounds, self._bounds[1:], strict=False)]
-            for done in [threads.submit(self._solve, cells, scheme) for cells in lists]:
-                done.result()
+            tasks = [
+                threads.submit(self._solve, cells, scheme, library)
+                for cells, library in zip(lists, self._libraries, strict=True)
+            ]
+            for task in tasks:
+                task.result()
         kernels.accept_all(
             self._bounds, self._order, pool.phi, self._rhs, boxes, self._limits, pool.surveys
         )
 
-    def _solve(self, cells: NDArray[np.int64], scheme: Scheme) -> None:
+    def _solve(
+        self, cells: NDArray[np.int64], scheme: Scheme, library: BoxTransform | None
+    ) -> None:
         """Implicit solve (or explicit diffusion) of some cells in the pool `_rhs`."""
-        assert self._library is not None
+        assert library is not None
         for i in cells.tolist():
             rhs = self.pool.box(i, self._rhs)
             symbol = self._symbol(i)
             if self.numerics.scheme == "euler":
-                spectrum = self._library.forward(self.pool.box(i).copy())
+                spectrum = library.forward(self.pool.box(i).copy())
                 spectrum *= -symbol
-                rhs += scheme.a1 * self._library.inverse(spectrum)
+                rhs += scheme.a1 * library.inverse(spectrum)
             else:
-                spectrum = self._library.forward(rhs)
+                spectrum = library.forward(rhs)
                 spectrum /= scheme.lhs + symbol
-                rhs[:] = self._library.inverse(spectrum)
+                rhs[:] = library.inverse(spectrum)
 
     def _symbol(self, i: int) -> NDArray[np.floating]:
         """γ (λx + λy + λz) of cell i's box."""

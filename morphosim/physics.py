@@ -33,7 +33,8 @@ class Physics:
     sigma : Attraction or float
         Attraction σ between cells (Eq. 4); a number holds for all pairs.
     kappa : float
-        Strength κ of the motility noise (Eq. 11, S3).
+        Strength κ of the motility noise (Eq. 11, S3). As published, a free cell's mean-square
+        displacement along an axis is (κ δt/τ)² t: it depends on δt.
 
     Raises
     ------
