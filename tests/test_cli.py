@@ -1,0 +1,127 @@
+"""The command line: what its commands do, and what they say when input is wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from morphosim import open_run
+from morphosim.cli import app, main
+
+SCENE = """
+duration = 20.0
+save_every = 10.0
+[physics]
+sigma = 0.5
+[numerics]
+threads = 1
+[[cells]]
+name = "left"
+shape = { kind = "sphere", center = [0, 0, 0], radius = 3.0 }
+[[cells]]
+name = "right"
+shape = { kind = "sphere", center = [5.5, 0, 0], radius = 3.0 }
+"""
+
+
+def call(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture(scope="module")
+def run_directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of two cells that touch."""
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "pair.toml").write_text(SCENE, encoding="utf-8")
+    out = call("run", folder / "pair.toml", "-o", folder / "run", "--set", "physics.gamma=0.3")
+    assert "ms per step" in out
+    assert "left" in out
+    return folder / "run"
+
+
+def test_scenes_are_listed() -> None:
+    out = call("scenes")
+    for name in ("single-cell", "celegans-8", "celegans-8-strong"):
+        assert name in out
+
+
+def test_info_tells_saves_and_cells(run_directory: Path) -> None:
+    out = call("info", run_directory)
+    assert "3 saves, t = 0 to 20" in out
+    assert "right" in out
+
+
+def test_contacts_as_table_and_as_json(run_directory: Path) -> None:
+    assert "left" in call("contacts", run_directory)
+    found = json.loads(call("contacts", run_directory, "--time", 10, "--json"))
+    assert found["time"] == 10
+    (pair,) = found["contacts"]
+    assert pair["cells"] == ["left", "right"]
+    assert pair["touching_voxels"] > 0
+    assert 1 < pair["area_um2"] < 28
+
+
+def test_a_run_repeats_itself(run_directory: Path, tmp_path: Path) -> None:
+    call("run", run_directory, "-o", tmp_path / "again")
+    with open_run(run_directory) as first, open_run(tmp_path / "again") as second:
+        assert (first["phi"].values == second["phi"].values).all()
+
+
+def test_options_change_the_scene(run_directory: Path, tmp_path: Path) -> None:
+    call(
+        "run", run_directory, "-o", tmp_path / "run", "--until", 6, "--dt", 1, "--save-every", 2,
+        "--threads", 1,
+    )  # fmt: skip
+    with open_run(tmp_path / "run") as data:
+        assert data["time"].values.tolist() == [0, 2, 4, 6]
+        assert data.attrs["dt"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["run", "celegans-9", "-o", "run"], "'celegans-8'"),
+        (["run", "no_such.toml", "-o", "run"], "does not exist"),
+        (["run", "single-cell", "-o", "run", "--set", "physics.gama=1"], "'gamma'"),
+        (["run", "single-cell", "-o", "run", "--set", "gamma"], "key=value"),
+        (["run", "single-cell", "-o", "run", "--dt", "-1"], "numerics.dt = -1.0"),
+        (["info", "nowhere"], "holds no run"),
+    ],
+)
+def test_wrong_input_is_one_line_and_exit_code_2(
+    words: list[str], expected: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["morphosim", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    error = capsys.readouterr().err
+    assert end.value.code == 2
+    assert error.startswith("error: ")
+    assert expected in error
+    assert error.count("\n") == 1
+
+
+def test_a_directory_that_holds_a_run_is_refused(
+    run_directory: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (run_directory / "run.nc").read_bytes()
+    monkeypatch.setattr("sys.argv", ["morphosim", "run", "single-cell", "-o", str(run_directory)])
+    with pytest.raises(SystemExit):
+        main()
+    assert "already holds a run" in capsys.readouterr().err
+    assert (run_directory / "run.nc").read_bytes() == before
+
+
+def test_a_run_that_diverges_saves_and_says_so(run_directory: Path, tmp_path: Path) -> None:
+    words = ["run", run_directory, "-o", tmp_path / "run", "--set", "numerics.S=0"]
+    words += ["--set", "numerics.dt=50.0", "--until", "5000"]
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 1
+    assert "diverged" in result.output
+    with open_run(tmp_path / "run") as data:
+        assert data["time"].values[-1] > 0
