@@ -64,6 +64,7 @@ class Attraction:
         ValueError
             The matrix is not square, its size is not that of `names`, or an entry is negative.
         """
+        _validate.unique("cell name", names)
         sigma = _validate.array("sigma", matrix, (len(names), len(names)))
         off_diagonal = sigma[~np.eye(len(names), dtype=bool)]
         values, counts = np.unique(off_diagonal, return_counts=True)
@@ -108,6 +109,9 @@ class Attraction:
     def check_names(self, names: Sequence[str], types: Sequence[str]) -> None:
         """Raise ValueError if a pair names a cell or a type that does not exist."""
         for j, i in self.pairs:
+            if i == j:
+                message = f"sigma.pairs[{j!r}, {i!r}]: a cell does not attract itself"
+                raise ValueError(message)
             _validate.choice(f"cell in sigma.pairs[{j!r}, {i!r}]", j, names)
             _validate.choice(f"cell in sigma.pairs[{j!r}, {i!r}]", i, names)
         known = sorted(set(types))

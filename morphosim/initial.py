@@ -46,8 +46,8 @@ def lattice_field(cell: "Cell", scale: float, spacing: float) -> tuple[NDArray[n
     if points < LEAST_POINTS:
         message = (
             f"cell {cell.name!r}: its start field exceeds 0.5 at {points} points of a lattice of "
-            f"{spacing:g} µm, at least {LEAST_POINTS} are needed; make the shape larger or the "
-            "spacing finer"
+            f"{spacing:g} µm, at least {LEAST_POINTS} are needed; make the shape larger, the "
+            "spacing finer, or a mask's smoothing smaller"
         )
         raise ValueError(message)
     return origin, phi

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphosim import _validate
 from morphosim.fields import CellField
 from morphosim.simulation import Simulation
 
@@ -46,16 +47,22 @@ class RunWriter:
     """
 
     def __init__(self, directory: str | Path, every: float) -> None:
-        self.directory, self.every = Path(directory), every
+        self.directory = Path(directory)
+        self.every = _validate.number("every", every, above=0)
         self.path = self.directory / RUN_FILE
+        self._check_free()
+        self.directory.mkdir(parents=True, exist_ok=True)
+        self._saved_step = -1
+        self._rows = self._boxes = self._samples = 0
+
+    def _check_free(self) -> None:
         if self.path.exists():
             message = f"{self.directory} already holds a run; take another directory or delete it"
             raise FileExistsError(message)
-        self.directory.mkdir(parents=True, exist_ok=True)
-        self._saved_step = -1
 
     def start(self, simulation: Simulation) -> None:
         """Make the file and save the start."""
+        self._check_free()
         self._file = _create(self.path, simulation)
         self._columns = {cell.name: k for k, cell in enumerate(simulation.cells)}
         self._save(simulation)
@@ -70,25 +77,28 @@ class RunWriter:
 
     def finish(self, simulation: Simulation) -> None:
         """Save the last state and close the file."""
-        self._save(simulation)
-        self._file.close()
+        try:
+            self._save(simulation)
+        finally:
+            self._file.close()
 
     def _save(self, simulation: Simulation) -> None:
         if simulation.engine.steps == self._saved_step:
             return
-        self._saved_step = simulation.engine.steps
-        row = len(self._file.dimensions["time"])
+        row = self._rows
         self._file["time"][row] = simulation.time
         self._save_table(simulation, row)
         self._save_fields(simulation, row)
         self._file.sync()
+        self._saved_step = simulation.engine.steps
+        self._rows += 1
 
     def _save_table(self, simulation: Simulation, row: int) -> None:
         engine, spacing = simulation.engine, simulation.scene.numerics.spacing
         columns = [self._columns[name] for name in simulation.names]
         values = {
             "volume": engine.volumes,
-            "target_volume": simulation.targets,
+            "target_volume": _targets(simulation),
             "core_volume": engine.pool.surveys[:, 2] * spacing**3,
             "face_peak": engine.face_peak,
             "lost_volume": engine.lost_volume,
@@ -102,7 +112,7 @@ class RunWriter:
 
     def _save_fields(self, simulation: Simulation, row: int) -> None:
         file = self._file
-        box, sample = len(file.dimensions["box"]), len(file.dimensions["sample"])
+        box, sample = self._boxes, self._samples
         fields = simulation.fields
         stop = box + len(fields)
         file["row_size"][box:stop] = [f.phi.size for f in fields]
@@ -113,6 +123,15 @@ class RunWriter:
         file["phi"][sample : sample + sum(f.phi.size for f in fields)] = np.concatenate(
             [f.phi.ravel() for f in fields]
         )
+        self._boxes, self._samples = stop, sample + sum(f.phi.size for f in fields)
+
+
+def _targets(simulation: Simulation) -> Any:
+    """Target volumes; NaN where a volume function fails, which has then ended the run."""
+    try:
+        return simulation.targets
+    except (TypeError, ValueError):
+        return np.nan
 
 
 def _create(path: Path, simulation: Simulation) -> Any:

@@ -256,6 +256,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     import tomli_w
 
     path = Path(path)
+    _check_partitions(scene)
     arrays: dict[str, np.ndarray] = {}
     archive = f"{path.stem}.npz"
     table = {key: getattr(scene, key) for key in _SCALARS}
@@ -271,6 +272,17 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     if arrays:
         np.savez_compressed(path.with_name(archive), **arrays)  # type: ignore[arg-type]
     path.write_text(tomli_w.dumps(_plain(table)), encoding="utf-8")
+
+
+def _check_partitions(scene: Scene) -> None:
+    """Raise ValueError if a partition has lost cells: a file would divide space anew."""
+    shapes = [cell.shape for cell in scene.cells if isinstance(cell.shape, PowerCell)]
+    if shapes and len(shapes) != len(shapes[0].partition.points):
+        message = (
+            f"the scene holds {len(shapes)} of {len(shapes[0].partition.points)} cells of a power "
+            "partition; a scene file can only say all of them"
+        )
+        raise ValueError(message)
 
 
 def _plain(value: Any) -> Any:

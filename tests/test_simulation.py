@@ -238,8 +238,9 @@ def test_a_larger_cell_or_the_relative_constraint_does_not_vanish(
 
 
 def test_a_vanished_cell_is_removed_and_the_rest_goes_on() -> None:
-    simulation = start(ball("small"), ball("b", 15, 5), physics=ABSOLUTE, on_vanish="remove")
-    alone = start(ball("b", 15, 5), physics=ABSOLUTE)
+    other = ball("b", 15, 5, gamma=0.5)
+    simulation = start(ball("small"), other, physics=ABSOLUTE, on_vanish="remove")
+    alone = start(other, physics=ABSOLUTE)
     simulation.run(until=200)
     alone.run(until=200)
     assert simulation.names == ["b"]
