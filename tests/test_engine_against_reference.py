@@ -155,7 +155,7 @@ def full_grid_model(
     form = physics.volume_constraint
     return fg.Model(
         h=H, gamma=case.gamma, g=physics.g, g_e=physics.g_e, kappa=physics.kappa,
-        M=physics.M, volume_constraint=None if form == "none" else form,
+        M=physics.volume_strength, volume_constraint=None if form == "none" else form,
         sigma=case.sigma, targets=targets,
         phi_e=None if case.shell is None else case.shell.field(*points),
         gradient=numerics.order,
