@@ -106,6 +106,11 @@ class Engine:
         return np.asarray(self.pool.surveys[:, 0] * self.numerics.spacing**3)
 
     @property
+    def core_volumes(self) -> NDArray[np.float64]:
+        """Volume where φ exceeds 1/2, of each cell, µm³."""
+        return np.asarray(self.pool.surveys[:, 2] * self.numerics.spacing**3)
+
+    @property
     def lost_volume(self) -> NDArray[np.float64]:
         """Certificate: ∫ φ that moving boxes has cut off each cell since the start, µm³."""
         return np.asarray(self.pool.lost * self.numerics.spacing**3)

@@ -94,12 +94,12 @@ class RunWriter:
         self._rows += 1
 
     def _save_table(self, simulation: Simulation, row: int) -> None:
-        engine, spacing = simulation.engine, simulation.scene.numerics.spacing
+        engine = simulation.engine
         columns = [self._columns[name] for name in simulation.names]
         values = {
             "volume": engine.volumes,
             "target_volume": _targets(simulation),
-            "core_volume": engine.pool.surveys[:, 2] * spacing**3,
+            "core_volume": engine.core_volumes,
             "face_peak": engine.face_peak,
             "lost_volume": engine.lost_volume,
             "centroid": simulation.centroids,
