@@ -27,6 +27,7 @@ from morphosim.physics import Physics
 from morphosim.schemes import coefficients
 from morphosim.tiles import Background, TileCover
 from morphosim.transforms import BoxTransform, CosineTables, FFTWTransform, SciPyTransform
+from morphosim.walls import wall_repulsion
 
 RUNAWAY = 4.0
 """|φ| beyond this counts as divergence; sound fields stay between about -0.2 and 1.5."""
@@ -172,7 +173,9 @@ class Engine:
         acts = physics.g > 0 or self._interactions.attracts
         self._coupled = walls or (n > 1 and acts)
         background = (
-            Background(self.confinement, physics.g_e, numerics.spacing, self.dtype)
+            Background(
+                wall_repulsion(self.confinement, physics, numerics), numerics.spacing, self.dtype
+            )
             if walls and self.confinement is not None
             else None
         )

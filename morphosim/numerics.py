@@ -9,6 +9,7 @@ SCHEMES = ("bdf2", "imex1", "euler")
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
+WALLS = ("resolved", "stepped")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,9 @@ class Numerics:
         Order of the gradient stencil.
     laplacian : {"exact", "stencil"}
         Symbol of the Laplacian: -k², or that of the second-difference stencil of `order`.
+    walls : {"resolved", "stepped"}
+        How a hard wall lies on the lattice: as a wall that the lattice resolves and that repels
+        alike (see `walls`), or, as published, as 0 or 1 at each lattice point.
     box_tolerance : float
         Largest |φ| allowed on the faces of a cell's box. The band, where gradients are evaluated
         and neighbours are felt, is where |φ| exceeds it.
@@ -59,6 +63,7 @@ class Numerics:
     spacing: float = 0.5
     order: int = 6
     laplacian: str = "exact"
+    walls: str = "resolved"
     box_tolerance: float = 1e-3
     precision: str = "single"
     transform: str = "matrix"
@@ -74,6 +79,7 @@ class Numerics:
         _validate.number("numerics.spacing", self.spacing, above=0)
         _validate.choice("numerics.order", self.order, (2, 4, 6))
         _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
+        _validate.choice("numerics.walls", self.walls, WALLS)
         _validate.number("numerics.box_tolerance", self.box_tolerance, above=0, most=0.1)
         _validate.choice("numerics.precision", self.precision, PRECISIONS)
         _validate.choice("numerics.transform", self.transform, TRANSFORMS)

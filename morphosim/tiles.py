@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from morphosim.confinement import Confinement
 from morphosim.kernels.layout import TileLists, Tiles
 from morphosim.kernels.tiles import SHIFTS, TILE_POINTS, TILE_SHAPE, enumerate_covered
+from morphosim.walls import Repulsion
 
 _OFFSET = 1 << 20
 """Added to tile coordinates so that three of them pack into one non-negative int64 key."""
 _ABSENT = 1e-6
-"""A tile with φ_e below this everywhere has no confinement."""
+"""A tile with g_e φ_e² below this everywhere has no confinement."""
 Integers = NDArray[np.int64]
 
 
@@ -34,13 +34,10 @@ def unpack(keys: Integers) -> Integers:
 
 
 class Background:
-    """The confinement's g_e φ_e² on tiles, evaluated once per tile."""
+    """The confinement's g_e φ_e² (see `walls`) on tiles, evaluated once per tile."""
 
-    def __init__(
-        self, confinement: Confinement, g_e: float, spacing: float, dtype: DTypeLike
-    ) -> None:
-        self._confinement = confinement
-        self._g_e, self._spacing, self._dtype = g_e, spacing, np.dtype(dtype)
+    def __init__(self, repulsion: Repulsion, spacing: float, dtype: DTypeLike) -> None:
+        self._repulsion, self._spacing, self._dtype = repulsion, spacing, np.dtype(dtype)
         self._known: dict[int, NDArray[np.floating] | None] = {}
 
     def require(self, keys: Integers) -> NDArray[np.bool_]:
@@ -68,15 +65,13 @@ class Background:
             shape[axis + 1] = n
             points = corners[:, axis, None] + np.arange(n)
             axes.append((points * self._spacing).reshape(shape))
-        values = np.broadcast_to(self._confinement.field(*axes), (len(keys), *TILE_SHAPE))
+        values = np.broadcast_to(self._repulsion(*axes), (len(keys), *TILE_SHAPE))
         if not np.isfinite(values).all():
             message = "the confinement's field is not finite everywhere; φ_e must be 0 … 1"
             raise ValueError(message)
         acts = values.reshape(len(keys), -1).max(axis=1) > _ABSENT
         for key, tile, present in zip(keys.tolist(), values, acts, strict=True):
-            self._known[key] = (
-                (self._g_e * tile.ravel() ** 2).astype(self._dtype) if present else None
-            )
+            self._known[key] = tile.ravel().astype(self._dtype) if present else None
 
 
 class TileCover:
