@@ -43,6 +43,7 @@ _EXPORTS = {
     "Mask": "shapes",
     "Sphere": "shapes",
     "Simulation": "simulation",
+    "StabilityWarning": "stability",
 }
 
 if TYPE_CHECKING:
@@ -60,12 +61,13 @@ if TYPE_CHECKING:
     from morphosim.scenefile import load_scene, save_scene
     from morphosim.shapes import Ellipsoid, Field, Mask, Sphere
     from morphosim.simulation import Simulation
+    from morphosim.stability import StabilityWarning
 
 __version__ = version("morphosim")
 __all__ = [
     "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
     "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Numerics", "Physics",
-    "ProgressBar", "RunWriter", "Scene", "Simulation", "Sphere", "VolumeCourse",
+    "ProgressBar", "RunWriter", "Scene", "Simulation", "Sphere", "StabilityWarning", "VolumeCourse",
     "__version__", "built_in_scene", "contact_areas", "import_matlab", "load_fields",
     "load_scene", "open_run", "save_scene", "scene_names", "touching",
 ]  # fmt: skip

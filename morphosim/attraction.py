@@ -77,6 +77,11 @@ class Attraction:
         asymmetric = {(i, j): default for j, i in pairs if (i, j) not in pairs}
         return cls(default=default, pairs=pairs | asymmetric)
 
+    @property
+    def strongest(self) -> float:
+        """Largest σ stated."""
+        return max([self.default, *self.types.values(), *self.pairs.values()])
+
     def of_types(self, j: str, i: str) -> float:
         """σ between cells of type j (pulling) and type i (pulled)."""
         return self.types.get((j, i), self.types.get((i, j), self.default))

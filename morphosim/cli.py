@@ -3,6 +3,7 @@
 import json
 import sys
 import tomllib
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -193,7 +194,8 @@ def import_matlab(
 
 
 def main() -> None:
-    """Entry point; errors of input are one line, without a traceback."""
+    """Entry point; warnings and errors of input are one line, without a traceback."""
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         app()
     except (ValueError, TypeError, OSError, ImportError) as error:

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from typing import Any, Self
 
 from morphosim import _validate
 
@@ -10,6 +11,13 @@ PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
 WALLS = ("resolved", "stepped")
+PRESETS: dict[str, dict[str, Any]] = {
+    "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
+    "standard": {},
+    "reference": {"dt": 0.5, "spacing": 0.4, "box_tolerance": 1e-4},
+    "published": {"S": 12.0, "walls": "stepped"},
+}
+"""What differs from the defaults; measured by `benchmarks/accuracy.py`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +57,8 @@ class Numerics:
         Number of threads; 0 takes all the processors available. The result does not depend on it.
     seed : int
         Seed of the motility noise.
+    allow_coarse : bool
+        Whether to run where the lattice does not resolve the interface.
 
     Raises
     ------
@@ -57,7 +67,7 @@ class Numerics:
     """
 
     dt: float = 2.0
-    S: float = 12.0
+    S: float = 6.0
     scheme: str = "bdf2"
     start_S: float | None = None
     spacing: float = 0.5
@@ -69,6 +79,7 @@ class Numerics:
     transform: str = "matrix"
     threads: int = 0
     seed: int = 0
+    allow_coarse: bool = False
 
     def __post_init__(self) -> None:
         _validate.number("numerics.dt", self.dt, above=0)
@@ -85,6 +96,25 @@ class Numerics:
         _validate.choice("numerics.transform", self.transform, TRANSFORMS)
         _validate.integer("numerics.threads", self.threads, least=0)
         _validate.integer("numerics.seed", self.seed, least=0)
+        _validate.flag("numerics.allow_coarse", self.allow_coarse)
+
+    @classmethod
+    def preset(cls, name: str, **changes: Any) -> Self:
+        """Numerics of a known accuracy and speed.
+
+        Parameters
+        ----------
+        name : {"draft", "standard", "reference", "published"}
+        **changes
+            Values that differ from the preset.
+
+        Raises
+        ------
+        ValueError
+            The name is not known, or a value is out of range.
+        """
+        _validate.choice("preset", name, tuple(PRESETS))
+        return cls(**(PRESETS[name] | changes))
 
     @property
     def worker_count(self) -> int:

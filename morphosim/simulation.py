@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim import _validate
+from morphosim import _validate, stability
 from morphosim.engine import RUNAWAY, Engine
 from morphosim.errors import CellVanishedError, DivergenceError
 from morphosim.fields import CellField, centroid
@@ -51,7 +51,13 @@ class Simulation:
     Raises
     ------
     ValueError
-        A cell starts outside of the confinement, or is too small for the lattice.
+        A cell starts outside of the confinement, or is too small for the lattice; or the lattice
+        does not resolve the interface (`stability.check`).
+
+    Warns
+    -----
+    StabilityWarning
+        Physics and numerics are expected to diverge; the message says what to change.
 
     Examples
     --------
@@ -76,6 +82,7 @@ class Simulation:
         if scene.confinement is not None:
             for cell, (origin, phi) in zip(self.cells, fields, strict=True):
                 _check_inside(scene, cell, origin, phi)
+        stability.check(scene)
         gamma = [scene.physics.gamma if c.gamma is None else c.gamma for c in self.cells]
         self.engine = Engine(
             scene.physics, scene.numerics, scene.confinement, scene.names, scene.types,

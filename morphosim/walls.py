@@ -1,12 +1,13 @@
 """How strongly a confinement repels at lattice points: g_e φ_e² of Eq. 3.
 
 A hard wall is 0 or 1 from one lattice point to the next, so on the lattice its place is uncertain
-by half a spacing. `numerics.walls = "resolved"` replaces it by a logistic wall that the lattice can
-resolve, shifted so that it repels as the hard one does: behind a hard wall φ decays over
-ℓ = √(γ/g_e), so from inside φ appears to vanish at ℓ behind the wall. For a logistic wall
-g_e / (1 + exp((z - s)/a)), z > 0 behind the wall, the solution of γ φ'' = g_e φ_e² φ is a
-hypergeometric function, and φ appears to vanish at s - a (2γ_E + ψ(ν) + ψ(1 + ν)), ν = a/ℓ, with
-Euler's constant γ_E and the digamma function ψ. Equating the two gives the shift s.
+by half a spacing. `numerics.walls = "resolved"` replaces it by a wall that the lattice resolves and
+that repels alike. Behind a hard wall φ decays over ℓ = √(γ/g_e), so from inside φ appears to vanish
+at ℓ behind the wall. The resolved wall is logistic, g' / (1 + exp((z - s)/a)) with z > 0 behind the
+hard wall. There the solution of γ φ'' = w φ is a hypergeometric function, and φ appears to vanish
+at s - a (2γ_E + ψ(ν) + ψ(1 + ν)), ν = a/ℓ', ℓ' = √(γ/g'), with Euler's constant γ_E and the
+digamma function ψ. The shift s equates the two. As ℓ' does not matter then, it is at least half a
+spacing: a stronger wall would gain nothing, and needs a larger S.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from morphosim.physics import Physics
 
 Floats = NDArray[np.float64]
 Repulsion = Callable[[Floats, Floats, Floats], Floats]
-DIFFUSENESS = 0.3
+A = 0.3
 """a of the logistic wall, in lattice spacings."""
 
 
@@ -29,23 +30,35 @@ def wall_repulsion(confinement: Confinement, physics: Physics, numerics: Numeric
 
     Walls that are soft in themselves (`width` > 0, images, functions) are taken as they are.
     """
-    g_e = physics.g_e
-    if numerics.walls == "stepped" or getattr(confinement, "width", None) != 0:
-        return lambda x, y, z: np.asarray(g_e * confinement.field(x, y, z) ** 2)
-    diffuseness = DIFFUSENESS * numerics.spacing
-    shift = matching_shift(diffuseness, float(np.sqrt(physics.gamma / g_e)))
+    if not is_resolved(confinement, numerics):
+        return lambda x, y, z: np.asarray(physics.g_e * confinement.field(x, y, z) ** 2)
+    strength, diffuseness = wall_strength(confinement, physics, numerics), A * numerics.spacing
+    hard, resolved_decay = (float(np.sqrt(physics.gamma / g)) for g in (physics.g_e, strength))
+    shift = hard - resolved_decay + matching_shift(diffuseness, resolved_decay)
 
     def resolved(x: Floats, y: Floats, z: Floats) -> Floats:
         from scipy.special import expit
 
         depth = distance(confinement, x, y, z, 0.5 * numerics.spacing)
-        return np.asarray(g_e * expit(-(depth + shift) / diffuseness))
+        return np.asarray(strength * expit(-(depth + shift) / diffuseness))
 
     return resolved
 
 
+def is_resolved(confinement: Confinement, numerics: Numerics) -> bool:
+    """Whether a hard wall is replaced by one that the lattice resolves."""
+    return numerics.walls == "resolved" and getattr(confinement, "width", None) == 0
+
+
+def wall_strength(confinement: Confinement, physics: Physics, numerics: Numerics) -> float:
+    """Largest g_e φ_e² on the lattice; g' ≤ 4γ/h² where the wall is resolved."""
+    if not is_resolved(confinement, numerics):
+        return physics.g_e
+    return min(physics.g_e, 4 * physics.gamma / numerics.spacing**2)
+
+
 def matching_shift(diffuseness: float, decay: float) -> float:
-    """How far behind the hard wall the logistic one lies to repel alike, µm.
+    """Place s of a logistic wall behind a hard one of the same strength that repels alike, µm.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from morphosim.physics import Physics
 H = 0.5
 TAIL = 1e-9
 """Start fields are laid out to where their profile falls below this."""
+PUBLISHED = {"S": 12.0, "walls": "stepped"}
 StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
@@ -52,7 +53,7 @@ def make_engine(
     model = Physics(**(physics or {}))
     return Engine(
         model,
-        Numerics(**({"precision": "double", "threads": 1, "spacing": H} | numerics)),
+        Numerics(**({"precision": "double", "threads": 1, "spacing": H} | PUBLISHED | numerics)),
         shell,
         [str(i) for i in range(n)],
         list(types or [""] * n),

@@ -107,6 +107,7 @@ def test_a_directory_without_a_run(tmp_path: Path) -> None:
         open_run(tmp_path)
 
 
+@pytest.mark.filterwarnings("ignore::morphosim.stability.StabilityWarning")
 def test_a_divergence_leaves_finite_fields(tmp_path: Path) -> None:
     simulation = start(physics={"M": 1e6})
     with pytest.raises(DivergenceError):

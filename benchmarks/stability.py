@@ -1,0 +1,331 @@
+"""The stability map: smallest stable S, stretch of time, and the limits of every parameter.
+
+Run as `python benchmarks/stability.py` (about half an hour). Writes stability.nc, stability.md and
+stability.png into the output folder.
+
+A run is stable if it takes all its steps, ends with sound fields (-0.3 < φ < 1.5) and does not
+flip from step to step. The parts:
+
+- `smallest_S` over δt for both schemes (Fig. 2), on the eight-cell embryo with stepped walls as
+  published and with resolved ones, beside what `morphosim.stability` predicts;
+- the stretch of *in silico* time at that S (Fig. S3): the factor by which the embryo's trajectory
+  is slower than that of small steps;
+- the limits of physical parameters at the presets `standard` and `published`.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from _common import machine
+from _pictures import limits_picture, stability_picture
+from _scenes import adhering, embryo, walled
+from scipy.optimize import minimize_scalar
+
+from morphosim import BoxWalls, Cell, DivergenceError, Numerics, Scene, Simulation, Sphere
+from morphosim.errors import CellVanishedError
+from morphosim.stability import least_S
+
+TIME_STEPS = (0.1, 0.3, 0.5, 1.0, 1.5, 2.0, 2.1, 2.5, 3.0, 4.0)
+SCHEMES = ("bdf2", "imex1")
+WALLS = ("stepped", "resolved")
+LARGEST_S = 40.0
+STABLE = "stable"
+
+
+def outcome(scene: Scene, steps: int) -> str:
+    """What becomes of a scene: stable, flips, unsound, diverged or vanished; never NaN."""
+    simulation = Simulation(scene)
+    end = STABLE
+    try:
+        simulation.step(steps)
+        if _flips(simulation):
+            end = "flips"
+    except DivergenceError:
+        end = "diverged"
+    except CellVanishedError:
+        end = "vanished"
+    low = min(float(f.phi.min()) for f in simulation.fields)
+    high = max(float(f.phi.max()) for f in simulation.fields)
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return "NOT FINITE"
+    return "unsound" if end == STABLE and (low < -0.3 or high > 1.5) else end
+
+
+def _flips(simulation: Simulation) -> bool:
+    """Whether some field moves back and forth from one step to the next by more than 0.02."""
+    seen = []
+    for _ in range(3):
+        seen.append([(f.origin.copy(), f.phi.copy()) for f in simulation.fields])
+        simulation.step()
+    for first, second, third in zip(*seen, strict=True):
+        same = all((o == first[0]).all() and p.shape == first[1].shape for o, p in (second, third))
+        if not same:
+            continue
+        forth, back = second[1] - first[1], third[1] - second[1]
+        if np.abs(back).max() > 0.02 and (forth * back).sum() < -0.5 * (back**2).sum():
+            return True
+    return False
+
+
+def bisect(stable: Callable[[float], bool], good: float, bad: float, close: float) -> float:
+    """Last value on the stable side between a stable and an unstable one."""
+    while abs(bad - good) > close:
+        middle = 0.5 * (good + bad)
+        good, bad = (middle, bad) if stable(middle) else (good, middle)
+    return good
+
+
+def smallest_S(scene: Scene, steps: int, **numerics: Any) -> float:
+    """Smallest stable S in steps of 0.1; nan where none up to 40 is stable."""
+
+    def stable(tenths: float) -> bool:
+        S = round(tenths) / 10
+        return outcome(scene.with_numerics(S=S, **numerics), steps) == STABLE
+
+    if stable(0):
+        return 0.0
+    if not stable(10 * LARGEST_S):
+        return np.nan
+    return round(bisect(stable, 10 * LARGEST_S, 0.0, 1.0)) / 10
+
+
+def map_of_S(scene: Scene) -> xr.Dataset:
+    """Smallest stable and predicted S over walls, scheme and δt."""
+    shape = (len(WALLS), len(SCHEMES), len(TIME_STEPS))
+    found, predicted = np.full(shape, np.nan), np.full(shape, np.nan)
+    for index in np.ndindex(shape):
+        numerics = {
+            "walls": WALLS[index[0]], "scheme": SCHEMES[index[1]], "dt": TIME_STEPS[index[2]],
+        }  # fmt: skip
+        steps = int(max(200, 40 / numerics["dt"]))
+        found[index] = smallest_S(scene, steps, **numerics)
+        predicted[index] = least_S(scene.with_numerics(**numerics))
+        print(
+            *numerics.values(), "S =", found[index], f"predicted {predicted[index]:.1f}", flush=True
+        )
+    dims = ("walls", "scheme", "dt")
+    coords = {"walls": list(WALLS), "scheme": list(SCHEMES), "dt": list(TIME_STEPS)}
+    return xr.Dataset(
+        {"smallest_S": (dims, found), "predicted_S": (dims, predicted)}, coords=coords
+    )
+
+
+def trajectory(scene: Scene, until: float, every: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and centroids (T, N, 3)."""
+    simulation = Simulation(scene)
+    times, places = [0.0], [simulation.centroids]
+    while simulation.time < until:
+        simulation.run(until=simulation.time + every)
+        times.append(simulation.time)
+        places.append(simulation.centroids)
+    return np.array(times), np.array(places)
+
+
+def stretches(scene: Scene, smallest: xr.DataArray, until: float = 240.0) -> xr.DataArray:
+    """Factor by which time runs slow at the smallest stable S, for each scheme and δt."""
+    base = trajectory(scene.with_numerics(dt=0.1, S=0.0, scheme="imex1"), until, 10.0)
+    result = xr.full_like(smallest, np.nan)
+    for index in np.ndindex(smallest.shape):
+        point = smallest[index]
+        scheme, dt, S = str(point.scheme.values), float(point.dt), float(point)
+        if not np.isfinite(S):
+            continue
+        theory = 1 + S * dt / scene.physics.tau if scheme == "imex1" else 1.0
+        changed = scene.with_numerics(dt=dt, S=S, scheme=scheme)
+        try:
+            path = trajectory(changed, 1.4 * theory * until, max(10.0, dt))
+        except DivergenceError as error:
+            print(error)
+            continue
+        result[index] = fitted_stretch(base, path, theory)
+        print(scheme, dt, S, f"stretch {float(result[index]):.3f}, 1 + S dt/tau = {theory:.3f}")
+    return result
+
+
+def fitted_stretch(
+    base: tuple[np.ndarray, np.ndarray], path: tuple[np.ndarray, np.ndarray], guess: float
+) -> float:
+    """Factor s at which path(s t) is nearest to base(t)."""
+    times = base[0][1:]
+
+    def misfit(factor: float) -> float:
+        flat = path[1].reshape(len(path[0]), -1)
+        at = [np.interp(factor * times, path[0], column) for column in flat.T]
+        return float(((np.array(at).T - base[1][1:].reshape(len(times), -1)) ** 2).sum())
+
+    found = minimize_scalar(misfit, bounds=(0.7 * guess, 1.4 * guess), method="bounded")
+    return float(found.x)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter, its scene, the extremes that must not fail badly, and the search for its limit.
+
+    `usual` is stable; the limit is sought towards `bound`.
+    """
+
+    name: str
+    make: Callable[[float], Scene]
+    extremes: Sequence[float]
+    usual: float
+    bound: float
+    unit: str = ""
+
+
+def physics(make: Callable[[], Scene], name: str) -> Callable[[float], Scene]:
+    """Scene with one physical parameter set."""
+    return lambda value: make().with_physics(**{name: value})
+
+
+def well(c: float) -> Scene:
+    """Adhering cells with double well c, on a lattice with √(2c) h ≤ 1."""
+    spacing = min(0.5, 1 / np.sqrt(2 * c))
+    return adhering().with_physics(c=c).with_numerics(spacing=spacing)
+
+
+def sized(radius: float) -> Scene:
+    """Two touching cells of a radius."""
+    cells = [
+        Cell(name=name, shape=Sphere(center=(x, 0.0, 0.0), radius=radius))
+        for name, x in (("left", 0.0), ("right", 2 * radius))
+    ]
+    return replace(adhering(), cells=cells)
+
+
+def overlapping(percent: float) -> Scene:
+    """Two cells of R = 4 µm whose diameters overlap by a share at the start."""
+    return adhering(distance=8.0 * (1 - percent / 100))
+
+
+def cornered(percent: float) -> Scene:
+    """A cell in the corner of a box, cut by three faces at a share of its radius."""
+    wall = 4.0 * (1 - percent / 100)
+    walls = BoxWalls(lower=(-wall, -wall, -wall), upper=(40, 40, 40))
+    cell = Cell(name="cell", shape=Sphere(center=(0.0, 0.0, 0.0), radius=4.0))
+    return Scene(cells=[cell], confinement=walls)
+
+
+PARAMETERS = (
+    Parameter("M'", physics(adhering, "M"), (0.0, 16.0, 32.0, 64.0, 1000.0), 8.0, 1000.0),
+    Parameter("g", physics(lambda: overlapping(40), "g"), (0.0, 16.0, 100.0, 1e4), 1.6, 1e4),
+    Parameter("g_e", physics(walled, "g_e"), (0.0, 1.0, 160.0, 1e4), 16.0, 1e4),
+    Parameter("σ", physics(adhering, "sigma"), (0.0, 1.0, 2.0, 3.0, 10.0), 0.5, 30.0),
+    Parameter("κ", physics(adhering, "kappa"), (0.0, 0.22, 1.0, 3.0, 30.0), 0.22, 100.0),
+    Parameter("c", well, (0.5, 1.0, 4.0, 9.0, 18.0), 2.0, 100.0),
+    Parameter("γ", physics(adhering, "gamma"), (0.25 / 16, 0.25 / 4, 1.0, 4.0), 0.25, 100.0),
+    Parameter("radius", sized, (2.5, 3.0, 10.0, 20.0), 4.0, 1.2, "µm"),
+    Parameter("start overlap", overlapping, (20.0, 40.0, 60.0, 80.0), 0.0, 90.0, "%"),
+    Parameter("pressed into a corner", cornered, (10.0, 25.0, 40.0), 0.0, 50.0, "%"),
+)
+LIMIT_PRESETS = ("standard", "published")
+
+
+def limits(steps: int = 150) -> tuple[xr.Dataset, list[dict[str, Any]]]:
+    """Limit of each parameter by preset, and what its extremes end in."""
+    rows = []
+    table = np.full((len(PARAMETERS), len(LIMIT_PRESETS)), np.nan)
+    for k, parameter in enumerate(PARAMETERS):
+        for j, preset in enumerate(LIMIT_PRESETS):
+            chosen = Numerics.preset(preset, allow_coarse=True)
+
+            def run(value: float, p: Parameter = parameter, n: Numerics = chosen) -> str:
+                scene = p.make(value)
+                own = scene.numerics.spacing
+                return outcome(replace(scene, numerics=replace(n, spacing=own)), steps)
+
+            for value in parameter.extremes:
+                begin = time.perf_counter()
+                end = run(value)
+                rows.append({
+                    "parameter": parameter.name, "value": value, "preset": preset, "outcome": end,
+                    "seconds": time.perf_counter() - begin,
+                })  # fmt: skip
+                print(*rows[-1].values(), flush=True)
+            table[k, j] = _limit(parameter, run)
+            print(parameter.name, preset, "limit", table[k, j], flush=True)
+    names = [p.name for p in PARAMETERS]
+    coords = {"parameter": names, "preset": list(LIMIT_PRESETS)}
+    return xr.Dataset({"limit": (("parameter", "preset"), table)}, coords=coords), rows
+
+
+def _limit(parameter: Parameter, run: Callable[[float], str]) -> float:
+    """Last stable value on the way to the bound, to 2 %; the bound itself where that is stable."""
+    if run(parameter.usual) != STABLE:
+        return np.nan
+    if run(parameter.bound) == STABLE:
+        return parameter.bound
+    if parameter.usual == 0:
+        return bisect(lambda v: run(v) == STABLE, 0.0, parameter.bound, 1.0)
+    logs = np.log([parameter.usual, parameter.bound])
+    found = bisect(lambda v: run(float(np.exp(v))) == STABLE, logs[0], logs[1], 0.02)
+    return float(np.exp(found))
+
+
+def markdown(data: xr.Dataset) -> str:
+    """Tables of the map and of the limits."""
+    lines = ["| walls | scheme | " + " | ".join(f"δt = {d:g}" for d in data.dt.values) + " |"]
+    lines.append("|---" * (2 + data.sizes["dt"]) + "|")
+    for walls in WALLS:
+        for scheme in SCHEMES:
+            at = data.sel(walls=walls, scheme=scheme)
+            pairs = zip(at.smallest_S.values, at.predicted_S.values, strict=True)
+            cells = [f"{found:.1f} ({predicted:.1f})" for found, predicted in pairs]
+            lines.append(f"| {walls} | {scheme} | " + " | ".join(cells) + " |")
+    lines += ["", "| parameter | " + " | ".join(LIMIT_PRESETS) + " |"]
+    lines.append("|---" * (1 + len(LIMIT_PRESETS)) + "|")
+    for parameter in PARAMETERS:
+        values = data["limit"].sel(parameter=parameter.name).values
+        bounds = [_limit_text(parameter, float(v)) for v in values]
+        lines.append(f"| {parameter.name} | " + " | ".join(bounds) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _limit_text(parameter: Parameter, value: float) -> str:
+    direction = "down to" if parameter.bound < parameter.usual else "up to"
+    beyond = " and beyond" if value == parameter.bound else ""
+    return f"{direction} {value:.3g}{' ' + parameter.unit if parameter.unit else ''}{beyond}"
+
+
+def extremes_dataset(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
+    """The extremes as variables over one dimension."""
+    return xr.Dataset({
+        f"extreme_{key}": ("extreme", [row[key] for row in rows]) for key in rows[0]
+    })  # fmt: skip
+
+
+def main() -> None:
+    """Measure and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, default=Path("runs/stability"))
+    parser.add_argument("--table", action="store_true", help="only redraw tables and pictures")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / "stability.nc"
+    if not options.table:
+        warnings.simplefilter("ignore")  # it goes beyond the limits on purpose
+        bounds, rows = limits()
+        smallest = map_of_S(embryo())
+        published = smallest["smallest_S"].sel(walls="stepped", drop=True)
+        stretch = stretches(embryo().with_numerics(walls="stepped"), published)
+        parts = [smallest, bounds, extremes_dataset(rows), stretch.rename("stretch").to_dataset()]
+        data = xr.merge(parts, join="exact", compat="equals")
+        data.attrs["machine"] = str(machine())
+        data.to_netcdf(path)
+    with xr.open_dataset(path) as data:
+        (options.output / "stability.md").write_text(markdown(data), encoding="utf-8")
+        print(markdown(data))
+        ends = dict(zip(*np.unique(data["extreme_outcome"], return_counts=True), strict=True))
+        print("extremes end:", ", ".join(f"{n} {end}" for end, n in ends.items()))
+        stability_picture(data, options.output / "stability.png")
+        limits_picture(data, options.output / "limits.png")
+
+
+if __name__ == "__main__":
+    main()

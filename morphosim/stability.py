@@ -1,0 +1,145 @@
+"""What is stable, told before the first step: where `Numerics` meets `Physics`.
+
+What a step takes explicitly relaxes φ at a rate f / τ: the walls (g_e φ_e²), other cells (g Σ φ²)
+and the double well (2γc at φ = 0 and 1), or the volume constraint (M' A / V, A the surface). A
+perturbation flips its sign at every step and grows unless
+
+    S > 3/4 f - τ/δt   ("bdf2", Eq. 9)        S > 1/2 f - τ/δt   ("imex1", Eq. 8)
+
+which follows from φⁿ⁺¹ = -φⁿ in Eq. 9 and 8 with the force -f φ and no diffusion. "euler" has no S;
+its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenvalue of -Δ on the lattice.
+`benchmarks/stability.py` measures how well this holds, and the limits of what has no such theory.
+"""
+
+import warnings
+
+import numpy as np
+
+from morphosim.scene import Scene
+from morphosim.walls import wall_strength
+
+COARSEST = 1.5
+"""Largest √(2c) h: the profile's tail falls by exp(-√(2c) h) from one lattice point to the next."""
+PRESSED = 1.0
+"""Measured addition to f where cells are pressed to walls."""
+STRONGEST_ATTRACTION = 11.0
+"""Largest σ / γ that was stable at δt = 2; from 16 on fields become unsound at any δt."""
+FARTHEST_JUMP = 0.6
+"""Largest stable motility noise: root mean square move per step in widths 1 / √(c/2)."""
+
+
+class StabilityWarning(UserWarning):
+    """A scene is likely to diverge; the message says what to change."""
+
+
+def check(scene: Scene) -> None:
+    """Report what is known to fail before it does.
+
+    Raises
+    ------
+    ValueError
+        The lattice does not resolve the interface, and `numerics.allow_coarse` is not set.
+
+    Warns
+    -----
+    StabilityWarning
+        A combination of physics and numerics is expected to diverge.
+    """
+    c, numerics = scene.physics.c, scene.numerics
+    coarsest = COARSEST / float(np.sqrt(2 * c))
+    if numerics.spacing > coarsest * (1 + 1e-9) and not numerics.allow_coarse:
+        message = (
+            f"numerics.spacing = {numerics.spacing:g} µm does not resolve the interface at "
+            f"physics.c = {c:g}: at most {COARSEST:g} / √(2c) = {coarsest:.3g} µm is allowed. Take "
+            "that, or numerics.allow_coarse = true"
+        )
+        raise ValueError(message)
+    for concern in concerns(scene):
+        warnings.warn(concern, StabilityWarning, stacklevel=3)
+
+
+def concerns(scene: Scene) -> list[str]:
+    """What is likely to go wrong, in words."""
+    found = (_euler_step(scene), _stabilisation(scene), _attraction(scene), _noise(scene))
+    return [text for text in found if text]
+
+
+def _euler_step(scene: Scene) -> str:
+    numerics, limit = scene.numerics, largest_euler_step(scene)
+    if numerics.scheme != "euler" or numerics.dt <= limit:
+        return ""
+    return (
+        f"numerics.dt = {numerics.dt:g} is likely to diverge with scheme = 'euler': take at most "
+        f"{limit:.2g}, or scheme = 'bdf2'"
+    )
+
+
+def _stabilisation(scene: Scene) -> str:
+    numerics, needed = scene.numerics, least_S(scene)
+    if needed <= numerics.S:
+        return ""
+    return (
+        f"numerics.S = {numerics.S:g} is likely to diverge at numerics.dt = {numerics.dt:g}: what "
+        f"acts on the cells needs at least {np.ceil(10 * needed) / 10:g}. Take that, a smaller dt, "
+        "or weaker g, g_e, c, gamma or M"
+    )
+
+
+def _attraction(scene: Scene) -> str:
+    strongest, softest = scene.physics.attraction.strongest, min(_tensions(scene))
+    if len(scene.cells) == 1 or strongest <= STRONGEST_ATTRACTION * softest:
+        return ""
+    return (
+        f"physics.sigma = {strongest:g} is more than {STRONGEST_ATTRACTION:g} times the surface "
+        f"tension {softest:g}: cells tear each other apart. Take a weaker sigma, a larger gamma, "
+        "or, below 16 times, a smaller numerics.dt"
+    )
+
+
+def _noise(scene: Scene) -> str:
+    physics, dt = scene.physics, scene.numerics.dt
+    jump = physics.kappa * dt**1.5 / physics.tau * physics.interface_scale
+    if jump <= FARTHEST_JUMP:
+        return ""
+    return (
+        f"physics.kappa = {physics.kappa:g} moves cells by {jump:.2g} interface widths in a step "
+        f"of numerics.dt = {dt:g}; more than {FARTHEST_JUMP:g} is likely to diverge. Take a "
+        "smaller dt or kappa"
+    )
+
+
+def explicit_rate(scene: Scene) -> float:
+    """Largest rate f of what the scheme takes explicitly."""
+    physics, cells = scene.physics, scene.cells
+    local = 2 * max(_tensions(scene)) * physics.c
+    if len(cells) > 1:
+        local += physics.g
+    if scene.confinement is not None and physics.g_e > 0:
+        local += wall_strength(scene.confinement, physics, scene.numerics) + PRESSED
+    return max(local, _volume_rate(scene))
+
+
+def least_S(scene: Scene) -> float:
+    """Least S that is expected to be stable; 0 for "euler", which has none."""
+    if scene.numerics.scheme == "euler":
+        return 0.0
+    share = 0.75 if scene.numerics.scheme == "bdf2" else 0.5
+    return max(0.0, share * explicit_rate(scene) - scene.physics.tau / scene.numerics.dt)
+
+
+def largest_euler_step(scene: Scene) -> float:
+    """Largest δt of explicit Euler that is expected to be stable."""
+    k2 = 3 * (np.pi / scene.numerics.spacing) ** 2
+    return float(2 * scene.physics.tau / (explicit_rate(scene) + max(_tensions(scene)) * k2))
+
+
+def _tensions(scene: Scene) -> list[float]:
+    return [scene.physics.gamma if cell.gamma is None else cell.gamma for cell in scene.cells]
+
+
+def _volume_rate(scene: Scene) -> float:
+    """Rate at which the volume constraint acts, for the ball that is worst off."""
+    physics = scene.physics
+    volumes = np.array([cell.target_volume(0.0) for cell in scene.cells])
+    rates = physics.volume_strength * (36 * np.pi * volumes**2) ** (1 / 3)
+    return float((rates / volumes if physics.volume_constraint == "relative" else rates).max())
