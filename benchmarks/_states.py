@@ -56,13 +56,13 @@ def states(simulation: Simulation, times: Sequence[float]) -> list[State]:
 
 
 def full_grid_states(
-    scene: Scene, times: Sequence[float], spacing: float, dt: float, margin: float = 4.0
+    scene: Scene, times: Sequence[float], spacing: float, dt: float, margin: float = 1.0
 ) -> list[State]:
     """The paper's scheme on one full grid with Fourier derivatives, for scenes in open space."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     from tests.reference import full_grid as fg
 
-    start = Simulation(scene.with_numerics(spacing=spacing, box_tolerance=1e-7, precision="double"))
+    start = Simulation(scene.with_numerics(spacing=spacing, box_tolerance=1e-5, precision="double"))
     pad = round(margin / spacing)
     low = np.min([f.origin for f in start.fields], axis=0) - pad
     high = np.max([f.origin + f.phi.shape for f in start.fields], axis=0) + pad

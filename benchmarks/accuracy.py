@@ -26,7 +26,7 @@ from _states import State, cached, errors, full_grid_states, states
 from morphosim import Numerics, Simulation
 from morphosim.errors import SimulationError
 
-TIMES = {"relaxing": (60.0,), "adhering": (120.0,), "embryo": (120.0, 480.0)}
+TIMES = {"relaxing": (60.0,), "adhering": (60.0,), "embryo": (120.0, 480.0)}
 SCENES = {"relaxing": relaxing, "adhering": adhering, "embryo": embryo}
 PRESETS = ("draft", "standard", "reference", "published")
 CONVERGED: dict[str, Any] = {
@@ -202,7 +202,7 @@ COLUMNS = (
     ("embryo t=480", "contact_max_um2", "contact, µm²", ".2g"),
     ("embryo t=480", "field_share", "∫abs(Δφ)/V", ".1e"),
     ("relaxing t=60", "field_share", "relaxing ∫abs(Δφ)/V", ".1e"),
-    ("adhering t=120", "centroid_rms_nm", "adhering centroid, nm", ".3g"),
+    ("adhering t=60", "centroid_rms_nm", "adhering centroid, nm", ".3g"),
     ("embryo t=480", "contacts_equal", "contacts equal", "contacts"),
 )
 

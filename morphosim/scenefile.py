@@ -6,7 +6,7 @@ Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.
 import importlib
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,8 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     ----------
     path : path of a TOML file
     overrides : mapping, optional
-        Values by dotted key, such as {"physics.gamma": 0.3}, that replace those of the file.
+        Values by dotted key, such as {"physics.gamma": 0.3}, that replace those of the file;
+        "numerics.preset" replaces all of the file's numerics but threads and seed.
 
     Raises
     ------
@@ -57,12 +58,16 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     except tomllib.TOMLDecodeError as error:
         message = f"{path} is not a TOML file: {error}"
         raise ValueError(message) from error
-    for key, value in (overrides or {}).items():
-        _override(table, key, value)
+    given = overrides or {}
+    for key in sorted(given, key="numerics.preset".__ne__):  # a preset first, then what differs
+        _override(table, key, given[key])
     return scene_from_table({"name": path.stem} | table, path.parent)
 
 
 def _override(table: dict[str, Any], key: str, value: Any) -> None:
+    if key == "numerics.preset":  # replaces what the file says of accuracy and speed
+        kept = ("threads", "seed")
+        table["numerics"] = {k: v for k, v in table.get("numerics", {}).items() if k in kept}
     *parents, last = key.split(".")
     for parent in parents:
         table = table.setdefault(parent, {})
@@ -87,7 +92,7 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     return Scene(
         cells=[_cell(row, shape) for row, shape in zip(rows, shapes, strict=True)],
         physics=_physics(table.get("physics", {}), [row.get("name") for row in rows]),
-        numerics=_build(Numerics, table.get("numerics", {}), "numerics"),
+        numerics=_numerics(table.get("numerics", {})),
         confinement=confinement,
         **{key: table[key] for key in _SCALARS if key in table},
     )
@@ -105,6 +110,15 @@ def _build(cls: type, table: Mapping[str, Any], where: str) -> Any:
     except TypeError as error:
         message = f"{where}: {error}"
         raise ValueError(message) from error
+
+
+def _numerics(table: Mapping[str, Any]) -> Numerics:
+    """Numerics from a table; `preset` names what the other values differ from."""
+    _validate.keys("numerics", table, ["preset", *_names(Numerics)])
+    values = dict(table)
+    chosen = Numerics.preset(values.pop("preset", "standard"))
+    numerics: Numerics = _build(Numerics, asdict(chosen) | values, "numerics")
+    return numerics
 
 
 def _physics(table: Mapping[str, Any], names: list[Any]) -> Physics:

@@ -380,3 +380,25 @@ def test_the_most_specific_attraction_holds() -> None:
         [0.1, 0.1, 0.1, 0.0],
     ]
     np.testing.assert_array_equal(found, expected)
+
+
+# --- presets -------------------------------------------------------------------------------------
+
+
+def test_presets_are_numerics_with_changes() -> None:
+    assert Numerics.preset("standard") == Numerics()
+    assert Numerics.preset("published", threads=1) == Numerics(S=12.0, walls="stepped", threads=1)
+    with pytest.raises(ValueError, match="preset = 'fast' is not known; .*'draft'"):
+        Numerics.preset("fast")
+
+
+def test_a_preset_replaces_the_numerics_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        '[numerics]\npreset = "draft"\ndt = 3.0\nseed = 5\n'
+        '[[cells]]\nname = "a"\nshape = { kind = "sphere", center = [0, 0, 0], radius = 4 }\n'
+    )
+    draft = Numerics.preset("draft")
+    assert load_scene(path).numerics == replace(draft, dt=3.0, seed=5)
+    changed = load_scene(path, {"numerics.S": 9.0, "numerics.preset": "published"})
+    assert changed.numerics == Numerics.preset("published", S=9.0, seed=5)

@@ -1,0 +1,173 @@
+"""Warnings before the first step, divergence soon after it, and sound ends at the extremes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from morphosim import (
+    BoxWalls,
+    Cell,
+    CellVanishedError,
+    DivergenceError,
+    Numerics,
+    Physics,
+    Scene,
+    Simulation,
+    Sphere,
+    StabilityWarning,
+    built_in_scene,
+    stability,
+)
+
+NEAR = "ignore::morphosim.stability.StabilityWarning"
+TIGHT = BoxWalls(lower=(-4.1, -3.6, -3.7), upper=(12.3, 3.8, 3.6))
+
+
+def pair(distance: float = 8.3, radius: float = 4.0, **physics: object) -> Scene:
+    """Two cells beside each other in open space."""
+    cells = [
+        Cell(name=name, shape=Sphere(center=(x, 0.0, 0.0), radius=radius))
+        for name, x in (("left", 0.0), ("right", distance))
+    ]
+    return Scene(cells=cells, physics=Physics(**({"sigma": 0.5} | physics)))
+
+
+def pressed(**numerics: object) -> Scene:
+    """The pair in a box in which it must flatten."""
+    return replace(pair(), confinement=TIGHT, numerics=Numerics(**numerics))
+
+
+def growth(scheme: str, rate: float, dt: float, S: float) -> float:
+    """Factor per step of τ φ' = -rate φ taken explicitly, by Eq. 8 or 9; τ = 2.62."""
+    r = 2.62 / dt
+    if scheme == "imex1":
+        return abs((r + S - rate) / (r + S))
+    step = np.roots([1.5 * r + S, -(2 * r + 2 * S - 2 * rate), r / 2 + S - rate])
+    return float(np.abs(step).max())
+
+
+@pytest.mark.parametrize("scheme", ["bdf2", "imex1"])
+@pytest.mark.parametrize("dt", [0.3, 1.0, 2.0, 4.0])
+def test_least_S_is_where_the_scheme_stops_growing(scheme: str, dt: float) -> None:
+    scene = pressed(scheme=scheme, dt=dt, walls="stepped")
+    rate, S = stability.explicit_rate(scene), stability.least_S(scene)
+    assert S > 0 or growth(scheme, rate, dt, 0.0) <= 1
+    if S > 0:
+        assert growth(scheme, rate, dt, 1.001 * S) < 1
+        assert growth(scheme, rate, dt, 0.999 * S) > 1
+
+
+@pytest.mark.filterwarnings(NEAR)
+@pytest.mark.parametrize("walls", ["resolved", "stepped"])
+@pytest.mark.parametrize("scheme", ["bdf2", "imex1"])
+def test_cells_pressed_to_walls_need_about_least_S(scheme: str, walls: str) -> None:
+    scene = pressed(scheme=scheme, walls=walls)
+    least = stability.least_S(scene)
+    Simulation(scene.with_numerics(S=least + 0.5)).step(100)
+    with pytest.raises(DivergenceError):
+        Simulation(scene.with_numerics(S=0.6 * least)).step(100)
+
+
+@pytest.mark.filterwarnings(NEAR)
+def test_largest_step_of_explicit_euler() -> None:
+    scene = pair().with_numerics(scheme="euler")
+    limit = stability.largest_euler_step(scene)
+    Simulation(scene.with_numerics(dt=0.95 * limit)).step(200)
+    with pytest.raises(DivergenceError):
+        Simulation(scene.with_numerics(dt=1.3 * limit)).step(200)
+
+
+def test_built_in_scenes_and_presets_raise_no_concern() -> None:
+    for name in ("draft", "standard", "reference"):
+        for scene in (built_in_scene("celegans-8"), pair(), pressed()):
+            assert stability.concerns(replace(scene, numerics=Numerics.preset(name))) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (pressed(S=2.0), ("numerics.S = 2", "at least 4.4", "dt = 2")),
+        (pair(M=30.0), ("numerics.S = 6", "at least 15.6")),
+        (pair(g=100.0), ("numerics.S = 6", "at least 74.5")),
+        (pair(gamma=4.0), ("numerics.S = 6", "gamma")),
+        (pair(sigma=4.0), ("physics.sigma = 4", "tension 0.25")),
+        (pair(kappa=1.0), ("physics.kappa = 1", "1.1 interface widths")),
+        (pair().with_numerics(scheme="euler", dt=0.2), ("numerics.dt = 0.2", "take at most 0.15")),
+    ],
+)
+def test_a_likely_divergence_is_told_with_what_to_change(scene: Scene, words: tuple) -> None:
+    with pytest.warns(StabilityWarning) as caught:
+        Simulation(scene)
+    text = " ".join(str(warning.message) for warning in caught)
+    for word in words:
+        assert word in text
+
+
+def test_a_lattice_that_does_not_resolve_the_interface_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"spacing = 0\.8 µm does not resolve .* at most 1\.5"):
+        Simulation(pair().with_numerics(spacing=0.8))
+    with pytest.raises(ValueError, match=r"physics\.c = 18: .* 0\.25 µm is allowed"):
+        Simulation(pair(c=18.0))
+    Simulation(pair().with_numerics(spacing=0.75))
+    Simulation(pair().with_numerics(spacing=0.8, allow_coarse=True)).step()
+
+
+# --- divergence ----------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings(NEAR)
+@pytest.mark.parametrize(
+    "scene",
+    [pressed(S=2.0), pair(M=30.0), pair(g=40.0, distance=5.0), pair(sigma=4.0), pair(kappa=2.0)],
+    ids=["walls", "volume", "overlap", "attraction", "noise"],
+)
+def test_divergence_is_noticed_within_ten_steps(scene: Scene) -> None:
+    simulation = Simulation(scene)
+    unsound = None
+    with pytest.raises(DivergenceError):
+        for _ in range(400):
+            simulation.step()
+            peak = max(float(np.abs(f.phi).max()) for f in simulation.fields)
+            if unsound is None and peak > 1.6:
+                unsound = simulation.engine.steps
+    last = simulation.engine.steps
+    assert last - (last if unsound is None else unsound) <= 10
+    assert all(np.isfinite(f.phi).all() for f in simulation.fields)
+
+
+def test_a_value_that_is_not_finite_is_noticed_in_the_next_step() -> None:
+    simulation = Simulation(pair(distance=40.0))
+    simulation.step(3)
+    simulation.engine.pool.box(1)[5, 6, 7] = np.nan
+    with pytest.raises(DivergenceError) as caught:
+        simulation.step()
+    assert caught.value.cell == "right"
+
+
+EXTREMES = {
+    "weak and strong volume constraint": [pair(M=m) for m in (0.0, 1000.0)],
+    "repulsion": [pair(g=g, distance=5.0) for g in (0.0, 1e4)],
+    "walls": [replace(pressed(), physics=Physics(g_e=g)) for g in (0.0, 1e4)],
+    "attraction": [pair(sigma=s) for s in (3.0, 30.0)],
+    "noise": [pair(kappa=k) for k in (3.0, 100.0)],
+    "surface tension": [pair(gamma=g) for g in (0.25 / 16, 4.0)],
+    "double well": [pair(c=18.0).with_numerics(spacing=0.2), pair(c=0.5)],
+    "small cells": [pair(radius=2.5, distance=5.0), pair(radius=1.5, distance=3.0)],
+    "start overlap": [pair(distance=1.6), pair(distance=0.0)],
+    "long steps": [pressed(dt=d) for d in (100.0, 1e6)],
+}
+
+
+@pytest.mark.filterwarnings(NEAR)
+@pytest.mark.parametrize("name", EXTREMES)
+def test_extremes_end_finite_or_in_an_error(name: str) -> None:
+    for scene in EXTREMES[name]:
+        simulation = Simulation(scene)
+        try:
+            simulation.step(30)
+        except (DivergenceError, CellVanishedError) as error:
+            assert error.time == simulation.time  # noqa: PT017
+        for field in simulation.fields:
+            assert np.isfinite(field.phi).all()
+        assert np.isfinite(simulation.volumes).all()
