@@ -61,8 +61,71 @@ def pareto_picture(
 
 
 def stability_picture(data: xr.Dataset, path: Path) -> None:
-    pass
+    """Fig. 2 and S3: smallest stable S, stretch of time and computing time over δt."""
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13.5, 4.6), layout="constrained")
+    dt = data.dt.values
+    for scheme, color in (("bdf2", COLORS[0]), ("imex1", COLORS[5])):
+        for walls, marker, line in (("stepped", "o", "-"), ("resolved", "s", "--")):
+            at = data.sel(scheme=scheme, walls=walls)
+            label = f"{scheme}, {walls} walls"
+            left.plot(dt, at.smallest_S, marker, color=color, label=label, mfc="white", ms=7)
+            left.plot(dt, at.predicted_S, line, color=color, lw=1.2)
+        at = data.sel(scheme=scheme, walls="stepped")
+        stretch = at.stretch.values
+        middle.plot(dt, stretch, "o", color=color, label=scheme, ms=7)
+        theory = 1 + at.smallest_S.values * dt / 2.62 if scheme == "imex1" else np.ones(len(dt))
+        middle.plot(dt, theory, "-", color=color, lw=1.2)
+        right.plot(dt, stretch * 0.3 / dt, "o-", color=color, label=scheme, ms=7)
+    left.plot(2.0, 12.0, "*", color="black", ms=15, label="published choice")
+    left.set(xlabel="δt", ylabel="smallest stable S", title="stability (lines: predicted)")
+    middle.set(xlabel="δt", ylabel="stretch of in silico time", yscale="log", yticks=(1, 2, 5, 10))
+    middle.set_yticklabels(["1", "2", "5", "10"])
+    middle.minorticks_off()
+    middle.set_title("time runs slow (line: 1 + S δt/τ)")
+    right.plot(dt, 0.3 / dt, ":", color="0.4", label="0.3 / δt")
+    right.set(xlabel="δt", ylabel="steps for the same course,\nrelative to δt = 0.3, S = 0")
+    right.set(yscale="log", title="computing time")
+    for axes in (left, middle, right):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=9)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
 
 
 def limits_picture(data: xr.Dataset, path: Path) -> None:
-    pass
+    """How each extreme ends, and the measured limits."""
+    names = [str(n) for n in data.parameter.values]
+    presets = [str(p) for p in data.preset.values]
+    figure, all_axes = plt.subplots(
+        len(names), 1, figsize=(9, 0.75 * len(names) + 0.6), layout="constrained"
+    )
+    looks = {
+        "stable": ("o", COLORS[2]), "vanished": ("v", COLORS[1]), "diverged": ("X", COLORS[5]),
+        "flips": ("D", COLORS[3]), "unsound": ("P", COLORS[3]),
+    }  # fmt: skip
+    used: dict[str, object] = {}
+    extremes = zip(
+        data.extreme_parameter.values, data.extreme_value.values, data.extreme_preset.values,
+        data.extreme_outcome.values, strict=True,
+    )  # fmt: skip
+    rows = [(str(n), float(v), str(p), str(o)) for n, v, p, o in extremes]
+    for name, axes in zip(names, all_axes, strict=True):
+        own = [row for row in rows if row[0] == name]
+        for _, value, preset, end in own:
+            marker, color = looks[end]
+            (used[end],) = axes.plot(
+                value, presets.index(preset), marker, color=color, ms=9, clip_on=False, ls=""
+            )
+        for k, preset in enumerate(presets):
+            limit = float(data["limit"].sel(parameter=name, preset=preset))
+            axes.plot([limit, limit], [k - 0.45, k + 0.45], "-", color="black", lw=2)
+        positive = [row[1] for row in own if row[1] > 0]
+        if max(positive) / min(positive) > 50:
+            axes.set_xscale("symlog" if len(positive) < len(own) else "log")
+        axes.set(ylim=(-0.6, len(presets) - 0.4), yticks=range(len(presets)), yticklabels=presets)
+        axes.set_ylabel(name, rotation=0, ha="right", va="center", labelpad=8, weight="bold")
+        axes.grid(axis="x", alpha=0.3)
+        axes.tick_params(labelsize=8)
+    figure.legend(used.values(), used.keys(), loc="outside upper center", ncols=len(used))
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

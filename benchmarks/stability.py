@@ -222,7 +222,7 @@ PARAMETERS = (
     Parameter("γ", physics(adhering, "gamma"), (0.25 / 16, 0.25 / 4, 1.0, 4.0), 0.25, 100.0),
     Parameter("radius", sized, (2.5, 3.0, 10.0, 20.0), 4.0, 1.2, "µm"),
     Parameter("start overlap", overlapping, (20.0, 40.0, 60.0, 80.0), 0.0, 90.0, "%"),
-    Parameter("pressed into a corner", cornered, (10.0, 25.0, 40.0), 0.0, 50.0, "%"),
+    Parameter("pressed into a corner", cornered, (10.0, 25.0, 40.0), 0.0, 45.0, "%"),
 )
 LIMIT_PRESETS = ("standard", "published")
 

@@ -388,7 +388,7 @@ def test_the_most_specific_attraction_holds() -> None:
 def test_presets_are_numerics_with_changes() -> None:
     assert Numerics.preset("standard") == Numerics()
     assert Numerics.preset("published", threads=1) == Numerics(S=12.0, walls="stepped", threads=1)
-    with pytest.raises(ValueError, match="preset = 'fast' is not known; .*'draft'"):
+    with pytest.raises(ValueError, match=r"preset = 'fast' is not known; .*'draft'"):
         Numerics.preset("fast")
 
 
