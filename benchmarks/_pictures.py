@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
+import matplotlib.ticker
 import numpy as np
 import xarray as xr
 
@@ -15,6 +16,8 @@ COLORS = (
 )  # fmt: skip
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
 MARKERS = "os^Dvp<>PX*hd"
+LABELS = {"draft": (-30, -24), "reference": (-60, -24)}
+"""Where the name of a preset stands beside its circle, points."""
 
 
 def pareto_picture(
@@ -45,7 +48,7 @@ def pareto_picture(
         axes.annotate(
             str(name),
             (x, y),
-            xytext=(14, 12),
+            xytext=LABELS.get(str(name), (14, 12)),
             textcoords="offset points",
             fontsize=12,
             weight="bold",
@@ -54,6 +57,8 @@ def pareto_picture(
         xscale="log", yscale="log", xlabel="time per in silico time, relative to standard",
         ylabel="centroid error of the eight-cell embryo\nat t = 480, root mean square, nm",
     )  # fmt: skip
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(mpl.ticker.LogFormatter(labelOnlyBase=False))
     axes.grid(which="both", alpha=0.2)
     axes.legend(fontsize=9, ncols=2, loc="upper right")
     figure.savefig(path, dpi=110)

@@ -184,6 +184,13 @@ def dataset(
     )
 
 
+def merged(new: xr.Dataset, old: xr.Dataset) -> xr.Dataset:
+    """Old results with the new ones in their places."""
+    kept = old.drop_sel(variant=new.variant.values, errors="ignore")
+    order = [name for name in variants() if name in {*kept.variant.values, *new.variant.values}]
+    return xr.concat([kept, new], "variant", data_vars="minimal").sel(variant=order)
+
+
 def pareto(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Whether no other variant is both cheaper and more accurate."""
     order = np.lexsort((error, cost))
@@ -238,16 +245,21 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/accuracy"))
     parser.add_argument("--rounds", type=int, default=9, help="rounds of the timing")
     parser.add_argument("--table", action="store_true", help="only redraw table and picture")
+    parser.add_argument("--only", nargs="+", help="measure these variants anew, keep the others")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / "accuracy.nc"
     if not options.table:
         warnings.simplefilter("ignore")  # some variants are at the edge of stability on purpose
-        truth = converged(options.output)
-        results = {name: measure(name, n, truth) for name, (_, n) in variants().items()}
+        truth, known = converged(options.output), variants()
+        chosen = ["standard", *options.only] if options.only else list(known)
+        results = {name: measure(name, known[name][1], truth) for name in chosen}
         alive = {name: s for name, (_, s) in results.items() if s is not None}
         cost = costs(alive, options.rounds)
-        dataset({name: found for name, (found, _) in results.items()}, cost).to_netcdf(path)
+        data = dataset({name: found for name, (found, _) in results.items()}, cost)
+        if options.only:
+            data = merged(data, xr.load_dataset(path))
+        data.to_netcdf(path)
     with xr.open_dataset(path) as data:
         (options.output / "accuracy.md").write_text(markdown(data), encoding="utf-8")
         print(markdown(data))

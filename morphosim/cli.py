@@ -31,6 +31,9 @@ def scenes() -> None:
 def run(
     scene: Annotated[str, typer.Argument(help="built-in scene, scene file, or its directory")],
     output: Annotated[Path, typer.Option("-o", "--output", help="directory of the run")],
+    preset: Annotated[
+        str | None, typer.Option(help="speed and accuracy: draft, standard, reference, published")
+    ] = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
     dt: Annotated[float | None, typer.Option(help="time step")] = None,
     save_every: Annotated[float | None, typer.Option(help="time between saves")] = None,
@@ -45,8 +48,8 @@ def run(
 
     overrides = _overrides(set_ or [])
     for key, value in (
-        ("duration", until), ("numerics.dt", dt), ("save_every", save_every),
-        ("numerics.threads", threads),
+        ("numerics.preset", preset), ("duration", until), ("numerics.dt", dt),
+        ("save_every", save_every), ("numerics.threads", threads),
     ):  # fmt: skip
         if value is not None:
             overrides[key] = value

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from morphosim import open_run
+from morphosim import Numerics, load_scene, open_run
 from morphosim.cli import app, main
 
 SCENE = """
@@ -126,3 +126,9 @@ def test_a_run_that_diverges_saves_and_says_so(run_directory: Path, tmp_path: Pa
     assert "diverged" in result.output
     with open_run(tmp_path / "run") as data:
         assert data["time"].values[-1] > 0
+
+
+def test_a_preset_is_chosen_on_the_command_line(tmp_path: Path) -> None:
+    words = ["run", "single-cell", "-o", tmp_path, "--preset", "draft", "--until", "8"]
+    assert CliRunner().invoke(app, [str(word) for word in words]).exit_code == 0
+    assert load_scene(tmp_path / "scene.toml").numerics == Numerics.preset("draft")
