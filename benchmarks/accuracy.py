@@ -13,6 +13,7 @@ Writes accuracy.nc, accuracy.md and accuracy.png into the output folder.
 import argparse
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,7 @@ def measure(
     """Errors by (scene, time, measure); and the embryo's simulation, unless it failed."""
     found, last = {}, None
     for scene, make in SCENES.items():
-        simulation = Simulation(replace_numerics(make(), numerics))
+        simulation = Simulation(replace(make(), numerics=numerics))
         begin = time.perf_counter()
         try:
             for state, true in zip(states(simulation, TIMES[scene]), truth[scene], strict=True):
@@ -132,26 +133,11 @@ def measure(
     return found, last
 
 
-def replace_numerics(scene: Any, numerics: Numerics) -> Any:
-    """The scene, solved as said."""
-    from dataclasses import replace
-
-    return replace(scene, numerics=numerics)
-
-
 def costs(simulations: dict[str, Simulation], rounds: int) -> dict[str, float]:
     """Seconds per unit of time, each variant in turn."""
-    actions = {
-        name: stepper(simulation, 2 if simulation.scene.numerics.spacing > 0.3 else 1)
-        for name, simulation in simulations.items()
-    }
+    actions = {name: stepper(simulation) for name, simulation in simulations.items()}
     medians = alternating_medians(actions, rounds, warm_up=1)
-    return {
-        name: seconds
-        / (2 if simulations[name].scene.numerics.spacing > 0.3 else 1)
-        / simulations[name].scene.numerics.dt
-        for name, seconds in medians.items()
-    }
+    return {name: s / simulations[name].scene.numerics.dt for name, s in medians.items()}
 
 
 def dataset(

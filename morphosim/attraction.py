@@ -77,10 +77,9 @@ class Attraction:
         asymmetric = {(i, j): default for j, i in pairs if (i, j) not in pairs}
         return cls(default=default, pairs=pairs | asymmetric)
 
-    @property
-    def strongest(self) -> float:
-        """Largest σ stated."""
-        return max([self.default, *self.types.values(), *self.pairs.values()])
+    def strongest(self, types: Sequence[str]) -> float:
+        """Largest σ by type, for cells of these types, or of a pair."""
+        return max([float(self.type_matrix(sorted(set(types))).max()), *self.pairs.values()])
 
     def of_types(self, j: str, i: str) -> float:
         """σ between cells of type j (pulling) and type i (pulled)."""

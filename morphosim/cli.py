@@ -32,7 +32,10 @@ def run(
     scene: Annotated[str, typer.Argument(help="built-in scene, scene file, or its directory")],
     output: Annotated[Path, typer.Option("-o", "--output", help="directory of the run")],
     preset: Annotated[
-        str | None, typer.Option(help="speed and accuracy: draft, standard, reference, published")
+        str | None,
+        typer.Option(
+            help="draft, standard, reference or published; replaces the numerics of the scene"
+        ),
     ] = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
     dt: Annotated[float | None, typer.Option(help="time step")] = None,

@@ -20,7 +20,11 @@ Floats = NDArray[np.float64]
 
 
 class Confinement(Protocol):
-    """What a scene needs to know of a confinement."""
+    """What a scene needs to know of a confinement.
+
+    One that also has an attribute `width` equal to 0 is a hard wall at depth 0: the lattice may
+    place it better than point by point (`Numerics.walls`). Others are taken as `field` gives them.
+    """
 
     def field(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """φ_e at points in µm: 0 inside, 1 outside."""

@@ -174,7 +174,9 @@ class Engine:
         self._coupled = walls or (n > 1 and acts)
         background = (
             Background(
-                wall_repulsion(self.confinement, physics, numerics), numerics.spacing, self.dtype
+                wall_repulsion(self.confinement, physics.g_e, float(self.gamma.mean()), numerics),
+                numerics.spacing,
+                self.dtype,
             )
             if walls and self.confinement is not None
             else None

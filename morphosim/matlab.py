@@ -57,8 +57,8 @@ def import_matlab(
 ) -> Scene:
     """Scene from the files of the published MATLAB program.
 
-    Physics and numerics are the package's defaults, which are the published values, on the
-    lattice of the files; change them with `Scene.with_physics` and `Scene.with_numerics`.
+    Physics is the package's default and numerics the preset "published", which repeats the
+    published program, on the lattice of the files.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def import_matlab(
     return Scene(
         cells=[Cell(name=n, shape=shapes[n], volume=volumes.get(n)) for n in names],
         physics=Physics(sigma=sigma),
-        numerics=Numerics(spacing=spacing),
+        numerics=Numerics.preset("published", spacing=spacing),
         confinement=walls,
         name=masks.stem if name is None else name,
     )

@@ -144,8 +144,10 @@ class Scene:
             raise ValueError(message)
         _validate.instance("scene.physics", self.physics, Physics)
         _validate.instance("scene.numerics", self.numerics, Numerics)
-        if self.confinement is not None and not hasattr(self.confinement, "field"):
-            message = f"scene.confinement = {self.confinement!r} is not a confinement, nor None"
+        needed = ("field", "depth", "bounds")
+        if self.confinement is not None and not all(hasattr(self.confinement, n) for n in needed):
+            message = f"scene.confinement = {self.confinement!r} is not a confinement (with field, "
+            message += "depth and bounds), nor None"
             raise TypeError(message)
         _validate.text("scene.name", self.name)
         _validate.unique("cell name", self.names)

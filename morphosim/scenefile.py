@@ -59,15 +59,21 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
         message = f"{path} is not a TOML file: {error}"
         raise ValueError(message) from error
     given = overrides or {}
-    for key in sorted(given, key="numerics.preset".__ne__):  # a preset first, then what differs
+    for key in sorted(given, key=_depth):
         _override(table, key, given[key])
     return scene_from_table({"name": path.stem} | table, path.parent)
 
 
+def _depth(key: str) -> tuple[int, bool]:
+    """Order of overrides: whole tables, then a preset, then single values."""
+    return key.count("."), key != "numerics.preset"
+
+
 def _override(table: dict[str, Any], key: str, value: Any) -> None:
     if key == "numerics.preset":  # replaces what the file says of accuracy and speed
-        kept = ("threads", "seed")
-        table["numerics"] = {k: v for k, v in table.get("numerics", {}).items() if k in kept}
+        kept = table.get("numerics", {})
+        _validate.instance("numerics", kept, Mapping)
+        table["numerics"] = {k: v for k, v in kept.items() if k in ("threads", "seed")}
     *parents, last = key.split(".")
     for parent in parents:
         table = table.setdefault(parent, {})

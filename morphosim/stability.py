@@ -7,7 +7,7 @@ perturbation flips its sign at every step and grows unless
     S > 3/4 f - τ/δt   ("bdf2", Eq. 9)        S > 1/2 f - τ/δt   ("imex1", Eq. 8)
 
 which follows from φⁿ⁺¹ = -φⁿ in Eq. 9 and 8 with the force -f φ and no diffusion. "euler" has no S;
-its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenvalue of -Δ on the lattice.
+its diffusion is explicit too: δt < 2τ / (f + γ k²), k² = 3 (π/h)² the largest eigenvalue of -Δ.
 `benchmarks/stability.py` measures how well this holds, and the limits of what has no such theory.
 """
 
@@ -15,15 +15,15 @@ import warnings
 
 import numpy as np
 
-from morphosim.scene import Scene
+from morphosim.scene import Cell, Scene
 from morphosim.walls import wall_strength
 
 COARSEST = 1.5
 """Largest √(2c) h: the profile's tail falls by exp(-√(2c) h) from one lattice point to the next."""
 PRESSED = 1.0
 """Measured addition to f where cells are pressed to walls."""
-STRONGEST_ATTRACTION = 11.0
-"""Largest σ / γ that was stable at δt = 2; from 16 on fields become unsound at any δt."""
+STRONGEST_ATTRACTION = {"long": 11.0, "short": 15.0}
+"""Largest σ / γ that was stable in steps of δt = 2, and of δt <= 1; at 16 it failed at any δt."""
 FARTHEST_JUMP = 0.6
 """Largest stable motility noise: root mean square move per step in widths 1 / √(c/2)."""
 
@@ -55,7 +55,7 @@ def check(scene: Scene) -> None:
         )
         raise ValueError(message)
     for concern in concerns(scene):
-        warnings.warn(concern, StabilityWarning, stacklevel=3)
+        warnings.warn(concern, StabilityWarning, stacklevel=4)
 
 
 def concerns(scene: Scene) -> list[str]:
@@ -78,21 +78,28 @@ def _stabilisation(scene: Scene) -> str:
     numerics, needed = scene.numerics, least_S(scene)
     if needed <= numerics.S:
         return ""
+    rates = explicit_rates(scene)
+    parts = ", ".join(f"{name} {rate:.3g}" for name, rate in rates.items())
+    advice = "a smaller dt, or weaker forces"
+    if "walls" in rates and numerics.walls == "stepped":
+        advice += ", or walls = 'resolved'"
     return (
-        f"numerics.S = {numerics.S:g} is likely to diverge at numerics.dt = {numerics.dt:g}: what "
-        f"acts on the cells needs at least {np.ceil(10 * needed) / 10:g}. Take that, a smaller dt, "
-        "or weaker g, g_e, c, gamma or M"
+        f"numerics.S = {numerics.S:g} may diverge at numerics.dt = {numerics.dt:g}: what acts on "
+        f"the cells ({parts}) needs at least {np.ceil(10 * needed) / 10:g}. Take that, {advice}"
     )
 
 
 def _attraction(scene: Scene) -> str:
-    strongest, softest = scene.physics.attraction.strongest, min(_tensions(scene))
-    if len(scene.cells) == 1 or strongest <= STRONGEST_ATTRACTION * softest:
+    if len(scene.cells) == 1:
+        return ""
+    strongest = scene.physics.attraction.strongest(scene.types)
+    softest = min(_tensions(scene))
+    limit = STRONGEST_ATTRACTION["long" if scene.numerics.dt > 1 else "short"]
+    if strongest <= limit * softest:
         return ""
     return (
-        f"physics.sigma = {strongest:g} is more than {STRONGEST_ATTRACTION:g} times the surface "
-        f"tension {softest:g}: cells tear each other apart. Take a weaker sigma, a larger gamma, "
-        "or, below 16 times, a smaller numerics.dt"
+        f"physics.sigma = {strongest:g} is more than {limit:g} times the surface tension "
+        f"{softest:g}: cells may tear each other apart. Take a weaker sigma or a larger gamma"
     )
 
 
@@ -108,15 +115,24 @@ def _noise(scene: Scene) -> str:
     )
 
 
-def explicit_rate(scene: Scene) -> float:
-    """Largest rate f of what the scheme takes explicitly."""
-    physics, cells = scene.physics, scene.cells
-    local = 2 * max(_tensions(scene)) * physics.c
-    if len(cells) > 1:
-        local += physics.g
+def explicit_rates(scene: Scene) -> dict[str, float]:
+    """What the scheme takes explicitly and at which rates; their sum is f."""
+    physics, tensions = scene.physics, _tensions(scene)
+    local = {"double well": 2 * max(tensions) * physics.c}
+    if len(scene.cells) > 1 and physics.g > 0:
+        local["cells"] = physics.g
     if scene.confinement is not None and physics.g_e > 0:
-        local += wall_strength(scene.confinement, physics, scene.numerics) + PRESSED
-    return max(local, _volume_rate(scene))
+        gamma = float(np.mean(tensions))
+        local["walls"] = PRESSED + wall_strength(
+            scene.confinement, physics.g_e, gamma, scene.numerics
+        )
+    volume = {"volume constraint": _volume_rate(scene)}
+    return max(local, volume, key=lambda rates: sum(rates.values()))
+
+
+def explicit_rate(scene: Scene) -> float:
+    """The rate f."""
+    return sum(explicit_rates(scene).values())
 
 
 def least_S(scene: Scene) -> float:
@@ -133,13 +149,19 @@ def largest_euler_step(scene: Scene) -> float:
     return float(2 * scene.physics.tau / (explicit_rate(scene) + max(_tensions(scene)) * k2))
 
 
+def _stepped(scene: Scene) -> list[Cell]:
+    """Cells that are not frozen; all of them if none is."""
+    return [cell for cell in scene.cells if not cell.frozen] or list(scene.cells)
+
+
 def _tensions(scene: Scene) -> list[float]:
-    return [scene.physics.gamma if cell.gamma is None else cell.gamma for cell in scene.cells]
+    return [scene.physics.gamma if c.gamma is None else c.gamma for c in _stepped(scene)]
 
 
 def _volume_rate(scene: Scene) -> float:
-    """Rate at which the volume constraint acts, for the ball that is worst off."""
+    """Rate at which the volume constraint acts, on the cell that is worst off, taken as a ball."""
     physics = scene.physics
-    volumes = np.array([cell.target_volume(0.0) for cell in scene.cells])
+    known = [[c.target_volume(0.0), *getattr(c.volume, "volumes", ())] for c in _stepped(scene)]
+    volumes = np.concatenate(known)
     rates = physics.volume_strength * (36 * np.pi * volumes**2) ** (1 / 3)
     return float((rates / volumes if physics.volume_constraint == "relative" else rates).max())

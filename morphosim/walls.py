@@ -7,7 +7,9 @@ at ℓ behind the wall. The resolved wall is logistic, g' / (1 + exp((z - s)/a))
 hard wall. There the solution of γ φ'' = w φ is a hypergeometric function, and φ appears to vanish
 at s - a (2γ_E + ψ(ν) + ψ(1 + ν)), ν = a/ℓ', ℓ' = √(γ/g'), with Euler's constant γ_E and the
 digamma function ψ. The shift s equates the two. As ℓ' does not matter then, it is at least half a
-spacing: a stronger wall would gain nothing, and needs a larger S.
+spacing: a stronger wall needs a larger S. The match leaves out other forces: a cell squeezed so
+hard that its pressure M' (1 - v/V) is not small against g' is let further out than by a hard wall.
+γ is that of the cells' mean; where cells differ, the wall of the others is off by some 0.1 µm.
 """
 
 from collections.abc import Callable
@@ -17,7 +19,6 @@ from numpy.typing import NDArray
 
 from morphosim.confinement import Confinement
 from morphosim.numerics import Numerics
-from morphosim.physics import Physics
 
 Floats = NDArray[np.float64]
 Repulsion = Callable[[Floats, Floats, Floats], Floats]
@@ -25,15 +26,26 @@ A = 0.3
 """a of the logistic wall, in lattice spacings."""
 
 
-def wall_repulsion(confinement: Confinement, physics: Physics, numerics: Numerics) -> Repulsion:
+def wall_repulsion(
+    confinement: Confinement, g_e: float, gamma: float, numerics: Numerics
+) -> Repulsion:
     """g_e φ_e² as a function of points in µm.
 
     Walls that are soft in themselves (`width` > 0, images, functions) are taken as they are.
+
+    Parameters
+    ----------
+    confinement : Confinement
+    g_e : float
+        Repulsion (Eq. 3).
+    gamma : float
+        Surface tension, the mean of the cells.
+    numerics : Numerics
     """
     if not is_resolved(confinement, numerics):
-        return lambda x, y, z: np.asarray(physics.g_e * confinement.field(x, y, z) ** 2)
-    strength, diffuseness = wall_strength(confinement, physics, numerics), A * numerics.spacing
-    hard, resolved_decay = (float(np.sqrt(physics.gamma / g)) for g in (physics.g_e, strength))
+        return lambda x, y, z: np.asarray(g_e * confinement.field(x, y, z) ** 2)
+    strength, diffuseness = wall_strength(confinement, g_e, gamma, numerics), A * numerics.spacing
+    hard, resolved_decay = (float(np.sqrt(gamma / g)) for g in (g_e, strength))
     shift = hard - resolved_decay + matching_shift(diffuseness, resolved_decay)
 
     def resolved(x: Floats, y: Floats, z: Floats) -> Floats:
@@ -50,11 +62,11 @@ def is_resolved(confinement: Confinement, numerics: Numerics) -> bool:
     return numerics.walls == "resolved" and getattr(confinement, "width", None) == 0
 
 
-def wall_strength(confinement: Confinement, physics: Physics, numerics: Numerics) -> float:
-    """Largest g_e φ_e² on the lattice; g' ≤ 4γ/h² where the wall is resolved."""
+def wall_strength(confinement: Confinement, g_e: float, gamma: float, numerics: Numerics) -> float:
+    """What g_e φ_e² is at most on the lattice: g' ≤ 4γ/h² where the wall is resolved."""
     if not is_resolved(confinement, numerics):
-        return physics.g_e
-    return min(physics.g_e, 4 * physics.gamma / numerics.spacing**2)
+        return g_e
+    return min(g_e, 4 * gamma / numerics.spacing**2)
 
 
 def matching_shift(diffuseness: float, decay: float) -> float:

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim.engine import Engine
-from morphosim.numerics import Numerics
+from morphosim.numerics import PRESETS, Numerics
 from morphosim.physics import Physics
 
 H = 0.5
 TAIL = 1e-9
 """Start fields are laid out to where their profile falls below this."""
-PUBLISHED = {"S": 12.0, "walls": "stepped"}
 StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
@@ -53,7 +52,13 @@ def make_engine(
     model = Physics(**(physics or {}))
     return Engine(
         model,
-        Numerics(**({"precision": "double", "threads": 1, "spacing": H} | PUBLISHED | numerics)),
+        Numerics(
+            **(
+                {"precision": "double", "threads": 1, "spacing": H}
+                | PRESETS["published"]
+                | numerics
+            )
+        ),
         shell,
         [str(i) for i in range(n)],
         list(types or [""] * n),

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 def scene() -> Scene:
     return import_matlab(
         EXAMPLE / "Example_8Cell.mat", EXAMPLE / "Example_CellName&AttractionMatrix_2.xls"
-    ).with_numerics(dt=2.0, S=12.0, walls="stepped")
+    )
 
 
 def rows(name: str, time: str) -> list[dict[str, str]]:

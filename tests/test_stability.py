@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from morphosim import (
+    Attraction,
     BoxWalls,
     Cell,
     CellVanishedError,
@@ -16,7 +17,9 @@ from morphosim import (
     Simulation,
     Sphere,
     StabilityWarning,
+    VolumeCourse,
     built_in_scene,
+    scene_names,
     stability,
 )
 
@@ -36,6 +39,16 @@ def pair(distance: float = 8.3, radius: float = 4.0, **physics: object) -> Scene
 def pressed(**numerics: object) -> Scene:
     """The pair in a box in which it must flatten."""
     return replace(pair(), confinement=TIGHT, numerics=Numerics(**numerics))
+
+
+def shrinking() -> Scene:
+    """A free cell that is to shrink to 22 µm³."""
+    cell = Cell(
+        name="cell",
+        shape=Sphere(center=(0, 0, 0), radius=4),
+        volume=VolumeCourse(times=[0, 100], volumes=[268, 22]),
+    )
+    return Scene(cells=[cell])
 
 
 def growth(scheme: str, rate: float, dt: float, S: float) -> float:
@@ -78,19 +91,38 @@ def test_largest_step_of_explicit_euler() -> None:
         Simulation(scene.with_numerics(dt=1.3 * limit)).step(200)
 
 
-def test_built_in_scenes_and_presets_raise_no_concern() -> None:
+def test_presets_with_resolved_walls_raise_no_concern() -> None:
     for name in ("draft", "standard", "reference"):
-        for scene in (built_in_scene("celegans-8"), pair(), pressed()):
+        for scene in (*map(built_in_scene, scene_names()), pair(), pressed()):
             assert stability.concerns(replace(scene, numerics=Numerics.preset(name))) == []
+
+
+def test_what_does_not_act_does_not_count() -> None:
+    shape = Sphere(center=(0, 9, 0), radius=1.5)
+    stone = Cell(name="stone", shape=shape, gamma=8.0, frozen=True)
+    scene = pair()
+    assert stability.concerns(replace(scene, cells=[*scene.cells, stone])) == []
+    moving = replace(stone, frozen=False)
+    assert stability.concerns(replace(scene, cells=[*scene.cells, moving])) != []
+    assert stability.concerns(pair(sigma=3.5).with_numerics(dt=0.5)) == []
+    assert stability.concerns(pair(sigma=Attraction(default=9.0, types={("", ""): 0.5}))) == []
+
+
+def test_a_warning_points_to_the_line_that_makes_the_simulation() -> None:
+    with pytest.warns(StabilityWarning) as caught:
+        Simulation(pressed(S=2.0))
+    assert caught[0].filename == __file__
 
 
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (pressed(S=2.0), ("numerics.S = 2", "at least 4.4", "dt = 2")),
-        (pair(M=30.0), ("numerics.S = 6", "at least 15.6")),
+        (pressed(S=2.0), ("numerics.S = 2", "at least 4.4", "dt = 2", "walls 5")),
+        (pressed(walls="stepped"), ("at least 13.4", "walls 17", "walls = 'resolved'")),
+        (pair(M=30.0), ("numerics.S = 6", "(volume constraint 22.5)", "at least 15.6")),
         (pair(g=100.0), ("numerics.S = 6", "at least 74.5")),
-        (pair(gamma=4.0), ("numerics.S = 6", "gamma")),
+        (pair(gamma=4.0), ("numerics.S = 6", "double well 16")),
+        (shrinking(), ("numerics.S = 6", "volume constraint 13.8")),
         (pair(sigma=4.0), ("physics.sigma = 4", "tension 0.25")),
         (pair(kappa=1.0), ("physics.kappa = 1", "1.1 interface widths")),
         (pair().with_numerics(scheme="euler", dt=0.2), ("numerics.dt = 0.2", "take at most 0.15")),

@@ -1,26 +1,29 @@
 """Hard walls on the lattice: where they are, and that the lattice's place does not matter."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import solve_banded
+from scipy.special import expit
 
 from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls
 from morphosim.numerics import Numerics
-from morphosim.physics import Physics
 from morphosim.walls import distance, matching_shift, wall_repulsion
 
 from .helpers import advance, centroids, make_engine, sphere
 
+PLANE = BoxWalls(lower=(-100, -100, -100), upper=(0, 100, 100))
 SHELL = EllipsoidShell(center=(0.1, -0.2, 0.3), semi_axes=(9.0, 6.0, 4.0), cut=(np.inf, np.inf, 3))
 
 
-def apparent_zero(diffuseness: float, decay: float) -> float:
-    """Where φ, straight from inside, would vanish, by finite differences of φ'' = w φ / ℓ²."""
-    step, shift = 0.002, matching_shift(diffuseness, decay)
+def apparent_zero(wall: Callable[[NDArray], NDArray]) -> float:
+    """Where φ, straight from inside, would vanish, by finite differences of φ'' = wall(z) φ."""
+    step = 0.002
     z = np.arange(-8.0, 6.0, step)
-    w = 1 / (1 + np.exp(np.clip(-(z - shift) / diffuseness, -700, 700)))
     bands = np.ones((3, len(z)))
-    bands[1] = -2 - step**2 * w / decay**2
+    bands[1] = -2 - step**2 * wall(z)
     right = np.zeros(len(z))
     right[0] = -1.0  # φ = 1 beyond the left end
     phi = solve_banded((1, 1), bands, right)
@@ -32,14 +35,21 @@ def apparent_zero(diffuseness: float, decay: float) -> float:
 @pytest.mark.parametrize("diffuseness", [0.05, 0.15, 0.3])
 def test_the_resolved_wall_repels_as_a_hard_one_does(diffuseness: float, decay: float) -> None:
     # Behind a hard wall φ = exp(-z/ℓ): seen from inside it vanishes at ℓ.
-    assert apparent_zero(diffuseness, decay) == pytest.approx(decay, abs=2e-3)
+    shift = matching_shift(diffuseness, decay)
+    found = apparent_zero(lambda z: expit((z - shift) / diffuseness) / decay**2)
+    assert found == pytest.approx(decay, abs=2e-3)
 
 
-def pressed_distance(offset: float, walls: str) -> float:
+def pressed_distance(offset: float, walls: str, **options: object) -> float:
     """How far from a wall at `offset` µm the centroid of a cell that is pressed to it settles."""
     box = BoxWalls(lower=(offset - 50, -50, -50), upper=(offset, 50, 50))
     engine = make_engine(
-        [sphere((offset - 2.6, 0.0, 0.0), 3.0)], shell=box, dt=1.0, S=12.0, walls=walls
+        [sphere((offset - 2.6, 0.0, 0.0), 3.0)],
+        shell=box,
+        dt=1.0,
+        S=12.0,
+        walls=walls,
+        **options,
     )
     advance(engine, 40)
     return offset - float(centroids(engine)[0, 0])
@@ -54,6 +64,23 @@ def test_a_resolved_wall_does_not_feel_the_lattice() -> None:
     # Spread over the wall's place between two lattice planes. Measured: 3.6 and 244 nm.
     assert np.ptp(found["resolved"]) < 0.008
     assert np.ptp(found["stepped"]) > 0.1
+
+
+@pytest.mark.parametrize("gamma", [0.0625, 0.25, 1.0])
+def test_a_resolved_wall_is_where_the_hard_one_is(gamma: float) -> None:
+    # The hard wall's φ appears to vanish at √(γ/g_e) behind it, on any lattice.
+    for spacing in (0.5, 0.25):
+        repulsion = wall_repulsion(PLANE, 16.0, gamma, Numerics(spacing=spacing))
+        found = apparent_zero(lambda z, r=repulsion: r(z, 0.0, 0.0) / gamma)
+        assert found == pytest.approx(np.sqrt(gamma / 16.0), abs=2e-3)
+
+
+def test_cells_with_their_own_tension_meet_the_wall_where_they_should() -> None:
+    # With the wall of γ = 0.25 they are 140 nm apart.
+    own, common = (pressed_distance(0.0, "resolved", **how) for how in (
+        {"gamma": 1.0}, {"physics": {"gamma": 1.0}},
+    ))  # fmt: skip
+    assert own == pytest.approx(common, abs=1e-9)
 
 
 def test_distance_is_that_to_the_surface() -> None:
@@ -76,5 +103,5 @@ def test_soft_and_stepped_walls_are_taken_as_they_are() -> None:
         (function, Numerics()),
         (SHELL, Numerics(walls="stepped")),
     ):
-        found = wall_repulsion(walls, Physics(g_e=7.0), numerics)(*points)
+        found = wall_repulsion(walls, 7.0, 0.25, numerics)(*points)
         np.testing.assert_array_equal(found, 7.0 * walls.field(*points) ** 2)
