@@ -67,7 +67,7 @@ def pareto_picture(
 
 def stability_picture(data: xr.Dataset, path: Path) -> None:
     """Fig. 2 and S3: smallest stable S, stretch of time and computing time over δt."""
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13.5, 4.6), layout="constrained")
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13.5, 5.2), layout="constrained")
     dt = data.dt.values
     for scheme, color in (("bdf2", COLORS[0]), ("imex1", COLORS[5])):
         for walls, marker, line in (("stepped", "o", "-"), ("resolved", "s", "--")):
@@ -89,10 +89,12 @@ def stability_picture(data: xr.Dataset, path: Path) -> None:
     middle.set_title("time runs slow (line: 1 + S δt/τ)")
     right.plot(dt, 0.3 / dt, ":", color="0.4", label="0.3 / δt")
     right.set(xlabel="δt", ylabel="steps for the same course,\nrelative to δt = 0.3, S = 0")
-    right.set(yscale="log", title="computing time")
+    right.set(yscale="log", title="computing time", yticks=(0.1, 0.2, 0.5, 1, 2))
+    right.set_yticklabels(["0.1", "0.2", "0.5", "1", "2"])
+    right.minorticks_off()
     for axes in (left, middle, right):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=9)
+        axes.legend(fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -288,6 +288,8 @@ def markdown(data: xr.Dataset) -> str:
 
 
 def _limit_text(parameter: Parameter, value: float) -> str:
+    if np.isnan(value):
+        return "unstable"
     direction = "down to" if parameter.bound < parameter.usual else "up to"
     beyond = " and beyond" if value == parameter.bound else ""
     return f"{direction} {value:.3g}{' ' + parameter.unit if parameter.unit else ''}{beyond}"

@@ -11,6 +11,7 @@ from morphosim import Simulation, load_scene, scene_names
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,12 +24,16 @@ def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(names["fields"]) == 2
 
 
-def test_readme_names_scenes_and_files_that_exist() -> None:
+def test_readme_names_a_scene_that_exists() -> None:
     scene = re.search(r"morphosim run (\S+) -o runs/embryo", README)
     assert scene is not None
     assert scene[1] in scene_names()
-    for path in re.findall(r"\]\((\S+?)\)", README):
-        assert (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_pages_link_to_files_that_exist(page: Path) -> None:
+    for path in re.findall(r"\]\((\S+?)\)", page.read_text(encoding="utf-8")):
+        assert (page.parent / path).exists(), path
 
 
 def test_two_cells_says_the_same_in_python_and_toml(capsys: pytest.CaptureFixture[str]) -> None:
