@@ -187,6 +187,14 @@ def pareto(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
     return front
 
 
+HEAD = """# Error against cost
+
+Measured by `benchmarks/accuracy.py`; see [choosing numerics](choosing-numerics.md). Each variant is
+`standard` with the change that its name says. Errors of the embryo at t = 480 unless another scene
+is named: centroids root mean square and largest, the largest relative error of volume and surface,
+of a contact area, and of the field. Variants on the Pareto front are bold.
+
+"""
 COLUMNS = (
     ("embryo t=480", "centroid_rms_nm", "centroid, nm", ".3g"),
     ("embryo t=480", "centroid_max_nm", "largest, nm", ".3g"),
@@ -214,7 +222,7 @@ def markdown(data: xr.Dataset) -> str:
             value = data["error"].sel(place=place, measure=measure_name).values[i]
             row.append(_text(float(value), form))
         lines.append("| " + " | ".join(row) + " |")
-    return "\n".join(lines) + "\n"
+    return HEAD + "\n".join(lines) + "\n"
 
 
 def _text(value: float, form: str) -> str:

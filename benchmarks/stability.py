@@ -224,6 +224,13 @@ PARAMETERS = (
     Parameter("start overlap", overlapping, (20.0, 40.0, 60.0, 80.0), 0.0, 90.0, "%"),
     Parameter("pressed into a corner", cornered, (10.0, 25.0, 40.0), 0.0, 45.0, "%"),
 )
+HEAD = """# Stability
+
+Measured by `benchmarks/stability.py`; see [choosing numerics](choosing-numerics.md). First the
+smallest stable S of the eight-cell embryo, in brackets what `morphosim.stability.least_S` asks for;
+then how far single parameters go at two presets.
+
+"""
 LIMIT_PRESETS = ("standard", "published")
 
 
@@ -284,7 +291,7 @@ def markdown(data: xr.Dataset) -> str:
         values = data["limit"].sel(parameter=parameter.name).values
         bounds = [_limit_text(parameter, float(v)) for v in values]
         lines.append(f"| {parameter.name} | " + " | ".join(bounds) + " |")
-    return "\n".join(lines) + "\n"
+    return HEAD + "\n".join(lines) + "\n"
 
 
 def _limit_text(parameter: Parameter, value: float) -> str:
