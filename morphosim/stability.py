@@ -23,7 +23,7 @@ COARSEST = 1.5
 PRESSED = 1.0
 """Measured addition to f where cells are pressed to walls."""
 STRONGEST_ATTRACTION = {"long": 11.0, "short": 15.0}
-"""Largest σ / γ that was stable in steps of δt = 2, and of δt <= 1; at 16 it failed at any δt."""
+"""Largest σ / γ that was stable at δt = 2, and at any δt; at 16, cells of γ = 1/64 fail at any."""
 FARTHEST_JUMP = 0.6
 """Largest stable motility noise: root mean square move per step in widths 1 / √(c/2)."""
 
