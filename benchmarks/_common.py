@@ -89,6 +89,12 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
         print("  ".join(value.rjust(width) for value, width in zip(line, widths, strict=True)))
 
 
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
 def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 

@@ -1,12 +1,13 @@
 """Pictures of what the benchmarks measure."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.ticker
 import numpy as np
 import xarray as xr
+
+from morphosim import Physics
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -20,15 +21,12 @@ LABELS = {"draft": (-30, -24), "reference": (-60, -24)}
 """Where the name of a preset stands beside its circle, points."""
 
 
-def pareto_picture(
-    data: xr.Dataset, pareto: Callable[[np.ndarray, np.ndarray], np.ndarray], path: Path
-) -> None:
+def pareto_picture(data: xr.Dataset, front: np.ndarray, path: Path) -> None:
     """Error against cost on the embryo, variants by knob, with the Pareto front."""
     cost = data["cost"].values
     error = data["error"].sel(place="embryo t=480", measure="centroid_rms_nm").values
     knobs = data["knob"].values.astype(str)
     figure, axes = plt.subplots(figsize=(10, 6.5), layout="constrained")
-    front = pareto(cost, error)
     order = np.argsort(cost[front])
     axes.plot(
         cost[front][order], error[front][order], "-", color="0.6", lw=6, alpha=0.5, zorder=1,
@@ -78,7 +76,8 @@ def stability_picture(data: xr.Dataset, path: Path) -> None:
         at = data.sel(scheme=scheme, walls="stepped")
         stretch = at.stretch.values
         middle.plot(dt, stretch, "o", color=color, label=scheme, ms=7)
-        theory = 1 + at.smallest_S.values * dt / 2.62 if scheme == "imex1" else np.ones(len(dt))
+        slower = at.smallest_S.values * dt / Physics().tau
+        theory = 1 + slower if scheme == "imex1" else np.ones(len(dt))
         middle.plot(dt, theory, "-", color=color, lw=1.2)
         right.plot(dt, stretch * 0.3 / dt, "o-", color=color, label=scheme, ms=7)
     left.plot(2.0, 12.0, "*", color="black", ms=15, label="published choice")

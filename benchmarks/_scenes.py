@@ -9,13 +9,13 @@ def relaxing() -> Scene:
     return Scene(cells=[Cell(name="cell", shape=shape)], name="relaxing")
 
 
-def adhering(sigma: float = 0.5, distance: float = 8.3) -> Scene:
-    """Two free cells of R = 4 µm that adhere and flatten each other."""
+def adhering(distance: float = 8.3, radius: float = 4.0) -> Scene:
+    """Two free cells that adhere and flatten each other."""
     cells = [
-        Cell(name=name, shape=Sphere(center=(x, 0.0, 0.0), radius=4.0))
+        Cell(name=name, shape=Sphere(center=(x, 0.0, 0.0), radius=radius))
         for name, x in (("left", 0.0), ("right", distance))
     ]
-    return Scene(cells=cells, physics=Physics(sigma=sigma), name="adhering")
+    return Scene(cells=cells, physics=Physics(sigma=0.5), name="adhering")
 
 
 def walled() -> Scene:

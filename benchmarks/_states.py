@@ -15,6 +15,8 @@ from morphosim.contacts import surface_faces
 from morphosim.fields import CellField, centroid
 
 SPLINE = 3
+MARGIN = 1.0
+"""µm between the start fields and the faces of the full grid."""
 CONTACT_AREA = 5.0
 """µm²; a contact map that does not depend on the lattice, as counting voxels would."""
 
@@ -61,14 +63,14 @@ def states(simulation: Simulation, times: Sequence[float]) -> list[State]:
 
 
 def full_grid_states(
-    scene: Scene, times: Sequence[float], spacing: float, dt: float, margin: float = 1.0
+    scene: Scene, times: Sequence[float], spacing: float, dt: float
 ) -> list[State]:
     """The paper's scheme on one full grid with Fourier derivatives, for scenes in open space."""
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     from tests.reference import full_grid as fg
 
     start = Simulation(scene.with_numerics(spacing=spacing, box_tolerance=1e-5, precision="double"))
-    pad = round(margin / spacing)
+    pad = round(MARGIN / spacing)
     low = np.min([f.origin for f in start.fields], axis=0) - pad
     high = np.max([f.origin + f.phi.shape for f in start.fields], axis=0) + pad
     phi = np.zeros((len(start.cells), *(high - low)))

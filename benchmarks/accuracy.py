@@ -19,17 +19,17 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from _common import alternating_medians, machine, stepper
+from _common import alternating_medians, machine, markdown_table, stepper
 from _pictures import pareto_picture
 from _scenes import adhering, embryo, relaxing
 from _states import State, cached, errors, full_grid_states, states
 
 from morphosim import Numerics, Simulation
 from morphosim.errors import SimulationError
+from morphosim.numerics import PRESETS
 
 TIMES = {"relaxing": (60.0,), "adhering": (60.0,), "embryo": (120.0, 480.0)}
 SCENES = {"relaxing": relaxing, "adhering": adhering, "embryo": embryo}
-PRESETS = ("draft", "standard", "reference", "published")
 CONVERGED: dict[str, Any] = {
     "spacing": 0.25, "dt": 0.25, "S": 4.0, "precision": "double", "box_tolerance": 1e-5,
 }  # fmt: skip
@@ -208,21 +208,25 @@ COLUMNS = (
 )
 
 
-def markdown(data: xr.Dataset) -> str:
-    """The table; variants on the Pareto front are bold."""
+def front_of(data: xr.Dataset) -> np.ndarray:
+    """Which variants are on the Pareto front of the first column."""
     place, measure_name = COLUMNS[0][:2]
     error = data["error"].sel(place=place, measure=measure_name).values
-    front = pareto(data["cost"].values, error)
+    return pareto(data["cost"].values, error)
+
+
+def markdown(data: xr.Dataset, front: np.ndarray) -> str:
+    """The table; variants on the Pareto front are bold."""
     head = ["knob", "variant", "cost", *(title for *_, title, _ in COLUMNS)]
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    rows = []
     for i, name in enumerate(data["variant"].values):
         shown = f"**{name}**" if front[i] else name
         row = [str(data["knob"].values[i]), shown, _text(float(data["cost"][i]), ".2f")]
         for place, measure_name, _, form in COLUMNS:
             value = data["error"].sel(place=place, measure=measure_name).values[i]
             row.append(_text(float(value), form))
-        lines.append("| " + " | ".join(row) + " |")
-    return HEAD + "\n".join(lines) + "\n"
+        rows.append(row)
+    return HEAD + markdown_table(head, rows)
 
 
 def _text(value: float, form: str) -> str:
@@ -255,9 +259,11 @@ def main() -> None:
             data = merged(data, xr.load_dataset(path))
         data.to_netcdf(path)
     with xr.open_dataset(path) as data:
-        (options.output / "accuracy.md").write_text(markdown(data), encoding="utf-8")
-        print(markdown(data))
-        pareto_picture(data, pareto, options.output / "accuracy.png")
+        front = front_of(data)
+        text = markdown(data, front)
+        (options.output / "accuracy.md").write_text(text, encoding="utf-8")
+        print(text)
+        pareto_picture(data, front, options.output / "accuracy.png")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from _common import machine
+from _common import machine, markdown_table
 from _pictures import limits_picture, stability_picture
 from _scenes import adhering, embryo, walled
 from scipy.optimize import minimize_scalar
@@ -192,11 +192,7 @@ def well(c: float) -> Scene:
 
 def sized(radius: float) -> Scene:
     """Two touching cells of a radius."""
-    cells = [
-        Cell(name=name, shape=Sphere(center=(x, 0.0, 0.0), radius=radius))
-        for name, x in (("left", 0.0), ("right", 2 * radius))
-    ]
-    return replace(adhering(), cells=cells)
+    return adhering(distance=2 * radius, radius=radius)
 
 
 def overlapping(percent: float) -> Scene:
@@ -277,21 +273,19 @@ def _limit(parameter: Parameter, run: Callable[[float], str]) -> float:
 
 def markdown(data: xr.Dataset) -> str:
     """Tables of the map and of the limits."""
-    lines = ["| walls | scheme | " + " | ".join(f"δt = {d:g}" for d in data.dt.values) + " |"]
-    lines.append("|---" * (2 + data.sizes["dt"]) + "|")
+    rows = []
     for walls in WALLS:
         for scheme in SCHEMES:
             at = data.sel(walls=walls, scheme=scheme)
             pairs = zip(at.smallest_S.values, at.predicted_S.values, strict=True)
             cells = [f"{found:.1f} ({predicted:.1f})" for found, predicted in pairs]
-            lines.append(f"| {walls} | {scheme} | " + " | ".join(cells) + " |")
-    lines += ["", "| parameter | " + " | ".join(LIMIT_PRESETS) + " |"]
-    lines.append("|---" * (1 + len(LIMIT_PRESETS)) + "|")
+            rows.append([walls, scheme, *cells])
+    smallest = markdown_table(["walls", "scheme", *(f"δt = {d:g}" for d in data.dt.values)], rows)
+    bounds = []
     for parameter in PARAMETERS:
         values = data["limit"].sel(parameter=parameter.name).values
-        bounds = [_limit_text(parameter, float(v)) for v in values]
-        lines.append(f"| {parameter.name} | " + " | ".join(bounds) + " |")
-    return HEAD + "\n".join(lines) + "\n"
+        bounds.append([parameter.name, *(_limit_text(parameter, float(v)) for v in values)])
+    return f"{HEAD}{smallest}\n{markdown_table(['parameter', *LIMIT_PRESETS], bounds)}"
 
 
 def _limit_text(parameter: Parameter, value: float) -> str:
@@ -328,8 +322,9 @@ def main() -> None:
         data.attrs["machine"] = str(machine())
         data.to_netcdf(path)
     with xr.open_dataset(path) as data:
-        (options.output / "stability.md").write_text(markdown(data), encoding="utf-8")
-        print(markdown(data))
+        text = markdown(data)
+        (options.output / "stability.md").write_text(text, encoding="utf-8")
+        print(text)
         ends = dict(zip(*np.unique(data["extreme_outcome"], return_counts=True), strict=True))
         print("extremes end:", ", ".join(f"{n} {end}" for end, n in ends.items()))
         stability_picture(data, options.output / "stability.png")

@@ -11,17 +11,14 @@ from typing import Any
 
 import numpy as np
 from _common import alternating_medians, arguments, packed_scene, report, stepper
+from _scenes import adhering
 
-from morphosim import Cell, Numerics, Physics, Scene, Simulation, Sphere
+from morphosim import Simulation
 
 
 def pair(distance: float) -> Simulation:
     """Two cells of R = 4 µm with their centres `distance` µm apart."""
-    cells = [
-        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=4))
-        for name, x in (("a", 0.0), ("b", distance))
-    ]
-    return Simulation(Scene(cells=cells, physics=Physics(sigma=0.5), numerics=Numerics(dt=1.5)))
+    return Simulation(adhering(distance).with_numerics(dt=1.5))
 
 
 def row(name: str, simulation: Simulation, seconds: float) -> dict[str, Any]:

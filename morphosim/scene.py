@@ -166,6 +166,11 @@ class Scene:
         """Types of the cells, in order."""
         return [cell.type for cell in self.cells]
 
+    @property
+    def tensions(self) -> list[float]:
+        """Surface tension γ of each cell, in order."""
+        return [self.physics.gamma if cell.gamma is None else cell.gamma for cell in self.cells]
+
     @classmethod
     def from_points(
         cls,

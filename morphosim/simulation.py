@@ -83,10 +83,9 @@ class Simulation:
             for cell, (origin, phi) in zip(self.cells, fields, strict=True):
                 _check_inside(scene, cell, origin, phi)
         stability.check(scene)
-        gamma = [scene.physics.gamma if c.gamma is None else c.gamma for c in self.cells]
         self.engine = Engine(
             scene.physics, scene.numerics, scene.confinement, scene.names, scene.types,
-            np.array(gamma), np.array([c.frozen for c in self.cells]), fields,
+            np.array(scene.tensions), np.array([c.frozen for c in self.cells]), fields,
         )  # fmt: skip
         self._set_targets()
 

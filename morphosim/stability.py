@@ -45,13 +45,13 @@ def check(scene: Scene) -> None:
     StabilityWarning
         A combination of physics and numerics is expected to diverge.
     """
-    c, numerics = scene.physics.c, scene.numerics
-    coarsest = COARSEST / float(np.sqrt(2 * c))
+    physics, numerics = scene.physics, scene.numerics
+    coarsest = COARSEST / (2 * physics.interface_scale)
     if numerics.spacing > coarsest * (1 + 1e-9) and not numerics.allow_coarse:
         message = (
             f"numerics.spacing = {numerics.spacing:g} µm does not resolve the interface at "
-            f"physics.c = {c:g}: at most {COARSEST:g} / √(2c) = {coarsest:.3g} µm is allowed. Take "
-            "that, or numerics.allow_coarse = true"
+            f"physics.c = {physics.c:g}: at most {COARSEST:g} / √(2c) = {coarsest:.3g} µm is "
+            "allowed. Take that, or numerics.allow_coarse = true"
         )
         raise ValueError(message)
     for concern in concerns(scene):
@@ -117,12 +117,12 @@ def _noise(scene: Scene) -> str:
 
 def explicit_rates(scene: Scene) -> dict[str, float]:
     """What the scheme takes explicitly and at which rates; their sum is f."""
-    physics, tensions = scene.physics, _tensions(scene)
-    local = {"double well": 2 * max(tensions) * physics.c}
+    physics = scene.physics
+    local = {"double well": 2 * max(_tensions(scene)) * physics.c}
     if len(scene.cells) > 1 and physics.g > 0:
         local["cells"] = physics.g
     if scene.confinement is not None and physics.g_e > 0:
-        gamma = float(np.mean(tensions))
+        gamma = float(np.mean(scene.tensions))  # as the engine's walls
         local["walls"] = PRESSED + wall_strength(
             scene.confinement, physics.g_e, gamma, scene.numerics
         )
@@ -155,7 +155,9 @@ def _stepped(scene: Scene) -> list[Cell]:
 
 
 def _tensions(scene: Scene) -> list[float]:
-    return [scene.physics.gamma if c.gamma is None else c.gamma for c in _stepped(scene)]
+    """Surface tensions of the same cells."""
+    pairs = zip(scene.tensions, scene.cells, strict=True)
+    return [gamma for gamma, cell in pairs if not cell.frozen] or scene.tensions
 
 
 def _volume_rate(scene: Scene) -> float:

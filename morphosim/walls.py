@@ -22,7 +22,7 @@ from morphosim.numerics import Numerics
 
 Floats = NDArray[np.float64]
 Repulsion = Callable[[Floats, Floats, Floats], Floats]
-A = 0.3
+DIFFUSENESS = 0.3
 """a of the logistic wall, in lattice spacings."""
 
 
@@ -44,7 +44,8 @@ def wall_repulsion(
     """
     if not is_resolved(confinement, numerics):
         return lambda x, y, z: np.asarray(g_e * confinement.field(x, y, z) ** 2)
-    strength, diffuseness = wall_strength(confinement, g_e, gamma, numerics), A * numerics.spacing
+    strength = wall_strength(confinement, g_e, gamma, numerics)
+    diffuseness = DIFFUSENESS * numerics.spacing
     hard, resolved_decay = (float(np.sqrt(gamma / g)) for g in (g_e, strength))
     shift = hard - resolved_decay + matching_shift(diffuseness, resolved_decay)
 

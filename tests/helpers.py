@@ -1,17 +1,21 @@
 """What several test files need: engines from a few numbers, and fields on a common grid."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim.engine import Engine
-from morphosim.numerics import PRESETS, Numerics
+from morphosim.kernels.noise import normal_vectors
+from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 
 H = 0.5
 TAIL = 1e-9
 """Start fields are laid out to where their profile falls below this."""
+EXPECTED_TO_FAIL = pytest.mark.filterwarnings("ignore::morphosim.stability.StabilityWarning")
+"""For tests of scenes that are beyond what is stable."""
 StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
@@ -52,12 +56,8 @@ def make_engine(
     model = Physics(**(physics or {}))
     return Engine(
         model,
-        Numerics(
-            **(
-                {"precision": "double", "threads": 1, "spacing": H}
-                | PRESETS["published"]
-                | numerics
-            )
+        Numerics.preset(
+            "published", **({"precision": "double", "threads": 1, "spacing": H} | numerics)
         ),
         shell,
         [str(i) for i in range(n)],
@@ -108,3 +108,21 @@ def centroids(engine: Engine) -> NDArray[np.float64]:
             (box * (a + o)).sum() / box.sum() * h for a, o in zip(axes, origin, strict=True)
         ]
     return result
+
+
+def normals(engine: Engine) -> Callable[[int], NDArray] | None:
+    """The random vectors of the engine's steps."""
+
+    def of_step(step: int) -> NDArray:
+        u = np.zeros((len(engine), 3))
+        normal_vectors(np.uint64(engine.numerics.seed), np.uint64(step), engine.ids, u)
+        return u
+
+    return of_step if engine.physics.kappa > 0 else None
+
+
+def full_centroids(phi: NDArray, low: NDArray) -> NDArray:
+    """Σ φ x / Σ φ on the full grid, µm."""
+    axes = np.indices(phi.shape[1:], sparse=True)
+    moments = [(phi * (a + o)).sum(axis=(1, 2, 3)) for a, o in zip(axes, low, strict=True)]
+    return np.stack(moments, axis=1) / phi.sum(axis=(1, 2, 3))[:, None] * H

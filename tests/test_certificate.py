@@ -25,9 +25,18 @@ from morphosim.boxes import SLACK
 from morphosim.confinement import FunctionWalls
 from morphosim.engine import SHRINK_INTERVAL, Engine
 
-from .helpers import H, StartField, advance, centroids, lattice, make_engine, sphere
+from .helpers import (
+    H,
+    StartField,
+    advance,
+    centroids,
+    full_centroids,
+    lattice,
+    make_engine,
+    normals,
+    sphere,
+)
 from .reference import full_grid as fg
-from .test_engine_against_reference import full_centroids, normals
 
 Floats = NDArray[np.float64]
 TOLERANCES = (1e-3, 1e-4)

