@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import types
+from numba.extending import overload
 
 FAST_MATH = frozenset({"reassoc", "nsz", "arcp", "contract", "afn"})
 
@@ -71,3 +73,18 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 parallel_kernel = partial(kernel, parallel=True)
 inline_kernel = partial(kernel, forceinline=True)
 """For helpers of inner loops: a call that hands over a dozen arrays costs more than a row does."""
+
+
+def choose(array: Any, use: Any) -> Any:
+    """`array`, or None where `use` is None."""
+    return None if use is None else array
+
+
+@overload(choose)
+def _typed_choose(array, use):  # type: ignore[no-untyped-def]  # Numba compares signatures
+    """Decided by the type of `use`: a branch would leave Numba with an array that may be None,
+    which is looked at again at every access and keeps loops from being vectorised.
+    """
+    if isinstance(use, types.NoneType):
+        return lambda array, use: None
+    return lambda array, use: array

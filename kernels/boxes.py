@@ -3,20 +3,11 @@
 import numpy as np
 
 from morphosim.kernels._jit import inline_kernel, kernel
+from morphosim.kernels.frames import clear_row
 
-
-@inline_kernel()
-def row_span(values, first, nz, tolerance):
-    """[z0, z1) that holds all |φ| > tolerance of one row; (nz, 0) if there is none."""
-    z0 = 0
-    while z0 < nz and abs(values[first + z0]) <= tolerance:
-        z0 += 1
-    z1 = nz
-    while z1 > z0 and abs(values[first + z1 - 1]) <= tolerance:
-        z1 -= 1
-    if z0 == nz:
-        z1 = 0
-    return z0, z1
+TOTAL, BAND, CORE, BAD, FACE, EDGE, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6
+"""What a survey finds: Σ φ, points with |φ| > tolerance, points with φ > 1/2, points beyond the
+limit or not finite, and the largest |φ| on the faces of the box and on the edge of its rows."""
 
 
 @inline_kernel()
@@ -40,72 +31,116 @@ def row_sums(values, first, nz, tolerance2, limit2, half):
     return total, band, core, bad
 
 
-@kernel()
-def survey(values, first, nx, ny, nz, tolerance, limit, half, spans, span_start, out):
-    """Measure one box: row spans, and in `out` (5,) float64 its sums.
-
-    out = Σ φ, points with |φ| > tolerance, points with φ > 1/2, points beyond `limit` or not
-    finite, largest |φ| on the faces.
-    """
-    total = 0.0
-    band_points = 0.0
-    core_points = 0.0
-    bad_points = 0.0
-    for line in range(nx * ny):
-        row = np.uint64(first + line * nz)
-        part, band, core, bad = row_sums(
-            values, row, nz, tolerance * tolerance, limit * limit, half
-        )
-        total += part
-        core_points += core
-        bad_points += bad
-        band_points += band
-        if band == 0:
-            spans[span_start + line, 0] = nz
-            spans[span_start + line, 1] = 0
-        else:
-            z0, z1 = row_span(values, first + line * nz, nz, tolerance)
-            spans[span_start + line, 0] = z0
-            spans[span_start + line, 1] = z1
-    out[0] = total
-    out[1] = band_points
-    out[2] = core_points
-    out[3] = bad_points
-    out[4] = face_peak(values, first, nx, ny, nz)
-
-
-@kernel()
-def face_peak(values, first, nx, ny, nz):
-    """Largest |φ| on the six faces of a box."""
-    peak = abs(values[first])
-    for x in range(nx):
-        edge_x = x == 0 or x == nx - 1
-        for y in range(ny):
-            row = first + (x * ny + y) * nz
-            if edge_x or y == 0 or y == ny - 1:
-                for z in range(nz):
-                    peak = max(peak, abs(values[row + z]))
-            else:
-                peak = max(peak, abs(values[row]), abs(values[row + nz - 1]))
+@inline_kernel()
+def row_peak(values, first, nz):
+    """Largest |φ| of a row."""
+    peak = values.dtype.type(0)
+    for z in range(np.uint64(nz)):
+        peak = max(peak, abs(values[first + z]))
     return peak
 
 
 @kernel()
-def extents(cells, boxes, out):
-    """Bounding box of the band of each cell, out (len(cells), 3, 2): [low, high) in its box."""
+def survey(values, first, sx, sy, nx, ny, nz, rows, whole, limits, found, out):
+    """Measure one field.
+
+    Parameters
+    ----------
+    values : 1-D; point (x, y, z) of the box lies at first + x sx + y sy + z
+    nx, ny, nz : shape of the box
+    rows : (nx, 2) rows [y0, y1) of each plane to look at; the field is 0 in others
+    whole : bool, look at all rows
+    limits : Limits
+    found : (nx, 2), overwritten with the rows of each plane where |φ| exceeds the tolerance
+    out : (N_SURVEYED,) float64, overwritten
+    """
+    tolerance2 = limits.tolerance * limits.tolerance
+    runaway2 = limits.runaway * limits.runaway
+    sum_total = sum_band = sum_core = sum_bad = 0.0
+    face = edge = values.dtype.type(0)
+    last = np.uint64(nz - 1)
+    for x in range(nx):
+        found[x, 0], found[x, 1] = ny, 0
+        y0, y1 = (0, ny) if whole else (rows[x, 0], rows[x, 1])
+        for y in range(y0, y1):
+            row = np.uint64(first + x * sx + y * sy)
+            total, band, core, bad = row_sums(values, row, nz, tolerance2, runaway2, limits.half)
+            sum_total += total
+            sum_band += band
+            sum_core += core
+            sum_bad += bad
+            if band > 0:
+                found[x, 0] = min(found[x, 0], y)
+                found[x, 1] = y + 1
+            if x == 0 or x == nx - 1 or y == 0 or y == ny - 1:
+                face = max(face, row_peak(values, row, nz))
+            else:
+                face = max(face, abs(values[row]), abs(values[row + last]))
+                if y == y0 or y == y1 - 1:
+                    edge = max(edge, row_peak(values, row, nz))
+    out[TOTAL], out[BAND], out[CORE], out[BAD] = sum_total, sum_band, sum_core, sum_bad
+    out[FACE] = face
+    out[EDGE] = max(edge, face)
+
+
+@kernel()
+def widen(found, guard, nx, ny):
+    """Widen the rows of each plane by `guard`, also over the planes beside; planes stay hulls."""
+    for _ in range(guard):
+        before_0, before_1 = ny, 0
+        for x in range(nx):
+            y0, y1 = found[x, 0], found[x, 1]
+            low, high = min(before_0, ny), max(before_1, 0)
+            if y0 < y1:
+                low, high = min(low, y0 - 1), max(high, y1 + 1)
+            if x + 1 < nx and found[x + 1, 0] < found[x + 1, 1]:
+                low, high = min(low, found[x + 1, 0]), max(high, found[x + 1, 1])
+            before_0, before_1 = y0, y1
+            found[x, 0], found[x, 1] = max(low, 0), min(high, ny)
+
+
+@kernel()
+def clear_outside(values, first, rows, nx, ny, nz):
+    """Set a box to 0 outside of these rows of each plane; return Σ of what was there."""
+    lost = 0.0
+    for x in range(nx):
+        for y in range(ny):
+            if not rows[x, 0] <= y < rows[x, 1]:
+                row = np.uint64(first + (x * ny + y) * nz)
+                for z in range(np.uint64(nz)):
+                    lost += values[row + z]
+                clear_row(values, row, nz)
+    return lost
+
+
+@kernel()
+def extents(cells, phi, boxes, tolerance, out):
+    """Bounding box of |φ| > tolerance of each cell, out (len(cells), 3, 2): [low, high)."""
     for k in range(cells.shape[0]):
         i = cells[k]
+        nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
         for axis in range(3):
             out[k, axis, 0] = boxes.shape[i, axis]
             out[k, axis, 1] = 0
-        for x in range(boxes.shape[i, 0]):
-            for y in range(boxes.shape[i, 1]):
-                line = boxes.row_start[i] + x * boxes.shape[i, 1] + y
-                z0, z1 = boxes.spans[line, 0], boxes.spans[line, 1]
+        for x in range(nx):
+            for y in range(ny):
+                z0, z1 = row_span(phi, boxes.start[i] + (x * ny + y) * nz, nz, tolerance)
                 if z0 < z1:
                     include(out, k, 0, x, x + 1)
                     include(out, k, 1, y, y + 1)
                     include(out, k, 2, z0, z1)
+
+
+@inline_kernel()
+def row_span(values, first, nz, tolerance):
+    """[z0, z1) that holds all |φ| > tolerance of one row; empty if there is none."""
+    z0 = 0
+    while z0 < nz and abs(values[first + z0]) <= tolerance:
+        z0 += 1
+    z1 = nz
+    while z1 > z0 and abs(values[first + z1 - 1]) <= tolerance:
+        z1 -= 1
+    return z0, z1
 
 
 @inline_kernel()

@@ -78,19 +78,6 @@ def divide_by_symbol(spectrum, nx, ny, nz, cosines, lhs, gamma):
 
 
 @kernel()
-def multiply_by_symbol(spectrum, nx, ny, nz, cosines, factor):
-    """Multiply by factor · (λx + λy + λz); with factor = -γ this is γΔ."""
-    symbols, index = cosines.symbols, cosines.symbol_index
-    for x in range(nx):
-        for y in range(ny):
-            base = symbols[index[nx] + x] + symbols[index[ny] + y]
-            row = np.uint64((x * ny + y) * nz)
-            first = np.uint64(index[nz])
-            for z in range(np.uint64(nz)):
-                spectrum[row + z] *= factor * (base + symbols[first + z])
-
-
-@kernel()
 def helmholtz_solve(work, other, spare, nx, ny, nz, cosines, lhs, gamma):
     """Replace `work` by (lhs - γΔ)⁻¹ of it, with Neumann faces.
 
@@ -104,12 +91,4 @@ def helmholtz_solve(work, other, spare, nx, ny, nz, cosines, lhs, gamma):
     """
     transform(work, other, nx, ny, nz, cosines, False, spare)
     divide_by_symbol(other, nz, ny, nx, cosines, lhs, gamma)
-    transform(other, work, nz, ny, nx, cosines, True, spare)
-
-
-@kernel()
-def laplacian(work, other, spare, nx, ny, nz, cosines, gamma):
-    """Replace `work` by γΔ of it; parameters as for `helmholtz_solve`."""
-    transform(work, other, nx, ny, nz, cosines, False, spare)
-    multiply_by_symbol(other, nz, ny, nx, cosines, -gamma)
     transform(other, work, nz, ny, nx, cosines, True, spare)

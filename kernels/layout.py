@@ -18,40 +18,45 @@ class Boxes(NamedTuple):
     """(N, 3) int64, points per axis; z runs fastest."""
     start: np.ndarray
     """(N,) int64, first index in the pools of fields."""
-    row_start: np.ndarray
-    """(N,) int64, first index in `spans`."""
-    spans: np.ndarray
-    """(rows, 2) int32, the band [z0, z1) of each row (x, y); z0 >= z1 where it is empty."""
+    plane_start: np.ndarray
+    """(N,) int64, first index in `band`."""
+    band: np.ndarray
+    """(planes, 2) int32, the band's rows [y0, y1) of each plane x; y0 >= y1 where it is empty."""
 
 
-class Tiles(NamedTuple):
-    """Sums over cells on the tiles that exist; one slot holds one tile."""
+class Columns(NamedTuple):
+    """Sums over cells on the columns that exist: W × W rows along z, as long as cells overlap."""
 
     cover_start: np.ndarray
     """(N,) int64, first index of each cell in `cover`."""
     cover: np.ndarray
-    """int64, slot of each tile under each box, x slowest; -1 where no tile exists."""
+    """(K, 3) int64, for each column under each cell's frame, x slowest: the column's first index
+    in the pools or -1 where none exists, its length, and where the frame's first z lies in it."""
+    felt: np.ndarray
+    """(N,) bool, whether there is any column under each cell's frame."""
     background: Any
-    """g_e φ_e² by slot, or None without confinement."""
+    """g_e φ_e² by column, or None without confinement."""
     repulsion: Any
-    """Σ g φ² + background by slot; None if nothing repels."""
+    """Σ g φ² + background by column; None if nothing repels."""
     potential: Any
-    """Σ φ by slot and type; None without attraction by type."""
+    """Σ φ by column and type; None without attraction by type."""
 
 
-class TileLists(NamedTuple):
-    """Which cells lie over which active tile, and how threads share the tiles."""
+class ColumnLists(NamedTuple):
+    """Which cells lie over which column, and how threads share the columns."""
 
     bounds: np.ndarray
-    """(threads + 1,) int64, ranges of active tiles."""
-    slot: np.ndarray
-    """(A,) int64, slot of each active tile."""
+    """(threads + 1,) int64, ranges of columns."""
+    start: np.ndarray
+    """(A,) int64, first index of each column in the pools."""
+    length: np.ndarray
+    """(A,) int64, points along z."""
     corner: np.ndarray
     """(A, 3) int64, lattice position of its first point."""
     cell_start: np.ndarray
     """(A + 1,) int64, compressed rows of `cells`."""
     cells: np.ndarray
-    """int64, cells over each tile."""
+    """int64, cells over each column."""
 
 
 class Interaction(NamedTuple):
@@ -74,29 +79,41 @@ class Pairs(NamedTuple):
     """int64, the cell that pulls."""
     weight: np.ndarray
     """The difference in σ, in the type of the fields."""
+    frame_start: np.ndarray
+    """(N,) int64, where the frame of each pulled cell starts in the pool of these potentials; -1
+    for cells that no such pair pulls."""
 
 
 class Stencil(NamedTuple):
-    """Gradient stencil; weights already divided by the spacing."""
+    """Weights of the central differences of a point 0, 1, 2, 3 steps away.
 
-    radius: int
-    edge: Any
-    """Scalar, weight of the second-order stencil, used within `radius` of the faces of a box."""
+    The spacing is in them. Weights that an order does not have are None.
+    """
+
     c1: Any
+    """First derivative."""
     c2: Any
-    """Scalar, or None for order 2."""
     c3: Any
-    """Scalar, or None for orders 2 and 4."""
+    l0: Any
+    """Second derivative."""
+    l1: Any
+    l2: Any
+    l3: Any
 
 
 class Scheme(NamedTuple):
-    """(lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ and Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ."""
+    """(lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ and Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ; see `schemes`.
+
+    Sweeps start from e0 φⁿ + e1 (Hⁿ + Fⁿ).
+    """
 
     lhs: Any
     a0: Any
     a1: Any
     b0: Any
     b1: Any
+    e0: Any
+    e1: Any
 
 
 class Cosines(NamedTuple):
@@ -121,6 +138,8 @@ class CellTerms(NamedTuple):
     """(N,) factor of |∇φ|: the volume constraint."""
     drift: Any
     """(N, 3) factor of ∇φ: -κ √δt u, or None without noise."""
+    sweeps: np.ndarray
+    """(N, sweeps) weights of the sweeps; see `relaxation`."""
 
 
 class Limits(NamedTuple):

@@ -4,62 +4,53 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.frames import HALO, band_rows, frame_index, frame_size, strides
 
 
 @inline_kernel()
 def overlap(i, j, axis, boxes):
-    """Common lattice range [low, high) of two boxes along one axis; may be empty."""
-    low = max(boxes.origin[i, axis], boxes.origin[j, axis])
-    high = min(
-        boxes.origin[i, axis] + boxes.shape[i, axis],
-        boxes.origin[j, axis] + boxes.shape[j, axis],
-    )
-    return low, high
-
-
-@inline_kernel()
-def row_index(i, x, y, boxes):
-    """Number of the row at lattice position (x, y) within cell i's box."""
-    return (x - boxes.origin[i, 0]) * boxes.shape[i, 1] + y - boxes.origin[i, 1]
+    """Range [low, high) of cell i's frame, in its box's count, in cell j's box; may be empty."""
+    shift = boxes.origin[j, axis] - boxes.origin[i, axis]
+    low = max(-HALO, shift)
+    high = min(boxes.shape[i, axis] + HALO, shift + boxes.shape[j, axis])
+    return low, high, shift
 
 
 @kernel()
-def add_overlap(i, j, weight, phi, boxes, target):
-    """target_i += weight φ_j where the boxes of cells i and j overlap."""
-    x0, x1 = overlap(i, j, 0, boxes)
-    y0, y1 = overlap(i, j, 1, boxes)
-    z0, z1 = overlap(i, j, 2, boxes)
+def add_overlap(i, j, weight, phi, boxes, target, first):
+    """target_i += weight φ_j where the frame of cell i meets the band of cell j."""
+    x0, x1, shift_x = overlap(i, j, 0, boxes)
+    y0, y1, shift_y = overlap(i, j, 1, boxes)
+    z0, z1, shift_z = overlap(i, j, 2, boxes)
+    sx, sy = strides(i, boxes)
     for x in range(x0, x1):
-        for y in range(y0, y1):
-            line = row_index(j, x, y, boxes)
-            low = max(z0, boxes.origin[j, 2] + boxes.spans[boxes.row_start[j] + line, 0])
-            high = min(z1, boxes.origin[j, 2] + boxes.spans[boxes.row_start[j] + line, 1])
-            if low >= high:
-                continue
-            source = np.uint64(boxes.start[j] + line * boxes.shape[j, 2] + low - boxes.origin[j, 2])
-            line = row_index(i, x, y, boxes)
-            goal = np.uint64(boxes.start[i] + line * boxes.shape[i, 2] + low - boxes.origin[i, 2])
-            for k in range(np.uint64(high - low)):
+        low, high = band_rows(x - shift_x, j, boxes, False)
+        for y in range(max(y0, low + shift_y), min(y1, high + shift_y)):
+            line = (x - shift_x) * boxes.shape[j, 1] + y - shift_y
+            source = np.uint64(boxes.start[j] + line * boxes.shape[j, 2] + z0 - shift_z)
+            goal = np.uint64(first + frame_index(x, y, z0, sx, sy))
+            for k in range(np.uint64(max(z1 - z0, 0))):
                 target[goal + k] += weight * phi[source + k]
 
 
 @parallel_kernel()
 def accumulate_pairs(bounds, order, pairs, phi, boxes, target):
-    """target_i = Σ_j weight_ij φ_j over the listed pairs, for every cell of `order`.
+    """target_i = Σ_j weight_ij φ_j over the listed pairs, for every pulled cell of `order`.
 
     Parameters
     ----------
     bounds : (threads + 1,) ranges of `order`, one per thread
     order : cells, grouped by thread
     pairs : Pairs
-    phi, target : 1-D pools of the same layout; `target` is overwritten
+    phi : 1-D pool
     boxes : Boxes
+    target : 1-D pool of the frames of pulled cells, overwritten
     """
     for worker in prange(bounds.shape[0] - 1):
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
-            first = boxes.start[i]
-            size = boxes.shape[i, 0] * boxes.shape[i, 1] * boxes.shape[i, 2]
-            target[first : first + size] = 0
-            for pair in range(pairs.start[i], pairs.start[i + 1]):
-                add_overlap(i, pairs.cell[pair], pairs.weight[pair], phi, boxes, target)
+            first = pairs.frame_start[i]
+            if first >= 0:
+                target[first : first + frame_size(i, boxes)] = 0
+                for pair in range(pairs.start[i], pairs.start[i + 1]):
+                    add_overlap(i, pairs.cell[pair], pairs.weight[pair], phi, boxes, target, first)

@@ -34,3 +34,27 @@ def derivative(field, index, stride, c1, c2, c3):
         three = stride + stride + stride
         value += c3 * (field[index + three] - field[index - three])
     return value
+
+
+@inline_kernel()
+def around(field, index, sx, sy, sz):
+    """Sum of `field` at the six points that are one such step away from `index`."""
+    return (
+        (field[index + sx] + field[index - sx])
+        + (field[index + sy] + field[index - sy])
+        + (field[index + sz] + field[index - sz])
+    )
+
+
+@inline_kernel()
+def weighted_neighbours(field, index, sx, sy, sz, l1, l2, l3):
+    """The part of Δ `field` at `index` that its neighbours make; 3 `l0` times itself is the rest.
+
+    `l2` and `l3` are None for stencils that do not have them.
+    """
+    value = l1 * around(field, index, sx, sy, sz)
+    if l2 is not None:
+        value += l2 * around(field, index, sx + sx, sy + sy, sz + sz)
+    if l3 is not None:
+        value += l3 * around(field, index, sx + sx + sx, sy + sy + sy, sz + sz + sz)
+    return value

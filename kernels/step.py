@@ -1,164 +1,234 @@
 """One time step of all cells: gather, force, implicit solve, survey.
 
 Work is shared out as lists of cells, one list per thread. What a cell does depends on its own box
-and on the tile sums of the last state only, so the result is the same for any number of threads.
+and on the column sums of the last state only, so the result is the same for any number of threads.
+A thread works in frames (`frames`), which stay in its cache.
 
 A cell whose new field is not finite, or runs away, keeps its old field; its survey tells.
 """
 
+import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import kernel, parallel_kernel
-from morphosim.kernels.boxes import survey
+from morphosim.kernels._jit import choose, kernel, parallel_kernel
+from morphosim.kernels.boxes import BAD, TOTAL, survey, widen
+from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
-from morphosim.kernels.helmholtz import helmholtz_solve, laplacian
-from morphosim.kernels.tiles import gather
+from morphosim.kernels.frames import (
+    band_rows,
+    clear_row,
+    copy_row,
+    frame_index,
+    frame_size,
+    load,
+    strides,
+    unload,
+)
+from morphosim.kernels.helmholtz import helmholtz_solve
+from morphosim.kernels.relaxation import sweep
 
-REPULSION, PSI, WORK, OTHER, N_WORK = 0, 1, 2, 3, 4
-"""Rows of a thread's work space; each holds the largest box."""
-
-
-@kernel()
-def box_size(i, boxes):
-    """Number of lattice points in cell i's box."""
-    return boxes.shape[i, 0] * boxes.shape[i, 1] * boxes.shape[i, 2]
+PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 5
+"""A thread's frames; each holds that of the largest box."""
+GUARD = 1
+"""Rows of the band beyond those where |φ| exceeds the tolerance."""
 
 
 @kernel()
 def prepare(
-    i, phi, history, boxes, terms, interaction, tiles, pair_potential, repulsion, psi,
-    force, rhs, stencil, scheme, half,
+    i, phi, history, boxes, whole, terms, interaction, columns, pairs_start, pair_potential,
+    frames, stencil, scheme, half, use_repulsion, use_psi, use_start,
 ):  # fmt: skip
-    """Gather what acts on cell i, then fill its right-hand side."""
-    if repulsion is not None:
-        gather(i, phi, boxes, interaction, tiles, pair_potential, repulsion, psi)
-    right_hand_side(
-        i, phi, history, boxes, terms, terms.drift, repulsion, psi, force, rhs,
-        stencil, scheme, half,
-    )  # fmt: skip
+    """Fill cell i's frames: field, what acts on it, right-hand side, next history and start."""
+    load(i, phi, boxes, whole, frames[PHI])
+    memory = choose(frames[HISTORY], history)
+    if history is not None:
+        load(i, history, boxes, whole, memory)
+    start = choose(frames[START], use_start)
+    if use_start is not None:
+        start[: frame_size(i, boxes)] = 0
+    if use_repulsion is None:
+        right_hand_side(
+            i, boxes, whole, terms, terms.drift, frames[PHI], None, frames[RHS], memory, start,
+            stencil, scheme, half, None,
+        )  # fmt: skip
+    elif columns.felt[i]:
+        psi = choose(frames[PSI], use_psi)
+        gather(
+            i, boxes, whole, interaction, columns, pairs_start, pair_potential, frames[PHI],
+            frames[RHS], psi,
+        )  # fmt: skip
+        right_hand_side(
+            i, boxes, whole, terms, terms.drift, frames[PHI], psi, frames[RHS], memory, start,
+            stencil, scheme, half, True,
+        )  # fmt: skip
+    else:
+        right_hand_side(
+            i, boxes, whole, terms, terms.drift, frames[PHI], None, frames[RHS], memory, start,
+            stencil, scheme, half, None,
+        )  # fmt: skip
 
 
 @kernel()
-def accept(i, phi, values, boxes, limits, surveys):
-    """Survey the new field of cell i and store it; a field that diverges is only counted."""
-    first = boxes.start[i]
+def settle(i, boxes, found, out, surveys):
+    """Take over a survey that found no divergence; return whether it did not."""
+    if out[BAD] > 0:
+        surveys[i, BAD] = out[BAD]
+        return False
+    surveys[i] = out
+    first, nx = boxes.plane_start[i], boxes.shape[i, 0]
+    boxes.band[first : first + nx] = found[:nx]
+    return True
+
+
+@kernel()
+def accept_box(i, phi, values, boxes, limits, found, out, surveys):
+    """Survey the new field of cell i, given as its whole box, and store it."""
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    survey(values, 0, ny * nz, nz, nx, ny, nz, found, True, limits, found, out)
+    widen(found, GUARD, nx, ny)
+    if settle(i, boxes, found, out, surveys):
+        phi[boxes.start[i] : boxes.start[i] + nx * ny * nz] = values[: nx * ny * nz]
+
+
+@kernel()
+def accept_band(i, phi, history, frame, memory, boxes, limits, found, out, surveys, lost):
+    """Survey the new field of cell i, given on its band, and store it with its history.
+
+    Rows that leave the band are set to 0; what was there is counted in `lost`.
+    """
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    sx, sy = strides(i, boxes)
+    plane = boxes.plane_start[i]
     survey(
-        values, 0, nx, ny, nz, limits.tolerance, limits.runaway, limits.half,
-        boxes.spans, boxes.row_start[i], surveys[i],
+        frame, frame_index(0, 0, 0, sx, sy), sx, sy, nx, ny, nz,
+        boxes.band[plane : plane + nx], False, limits, found, out,
     )  # fmt: skip
-    bad = surveys[i, 3]
-    if bad == 0:
-        size = nx * ny * nz
-        phi[first : first + size] = values[:size]
-    else:
-        survey(
-            phi, first, nx, ny, nz, limits.tolerance, limits.runaway, limits.half,
-            boxes.spans, boxes.row_start[i], surveys[i],
-        )  # fmt: skip
-        surveys[i, 3] = bad
+    if out[BAD] == 0:
+        widen(found, GUARD, nx, ny)
+        for x in range(nx):
+            y0, y1 = band_rows(x, i, boxes, False)
+            for y in range(y0, y1):
+                source = np.uint64(frame_index(x, y, 0, sx, sy))
+                goal = np.uint64(boxes.start[i] + (x * ny + y) * nz)
+                if found[x, 0] <= y < found[x, 1]:
+                    copy_row(frame, source, phi, goal, nz)
+                    if history is not None:
+                        copy_row(memory, source, history, goal, nz)
+                else:
+                    dropped = 0.0
+                    for z in range(np.uint64(nz)):
+                        dropped += frame[source + z]
+                    lost[i] += dropped
+                    out[TOTAL] -= dropped
+                    clear_row(phi, goal, nz)
+                    if history is not None:
+                        clear_row(history, goal, nz)
+    settle(i, boxes, found, out, surveys)
 
 
 @parallel_kernel()
-def step_implicit(
-    bounds, order, phi, history, boxes, terms, interaction, tiles, pair_potential,
-    work, force, stencil, scheme, cosines, limits, surveys, use_repulsion, use_psi,
+def step_transform(
+    bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    work, found, measured, stencil, scheme, cosines, limits, surveys, use_repulsion, use_psi,
 ):  # fmt: skip
-    """Advance every cell of `order` by Eq. 6, 8 or 9, as `scheme` says.
+    """Advance every cell of `order` by Eq. 6, 8 or 9, solved in each box by cosine transforms.
 
     Parameters
     ----------
     bounds : (threads + 1,) ranges of `order`, one per thread
     order : cells, grouped by thread
     phi, history : 1-D pools, updated; history is None for a scheme without memory
-    boxes, terms, interaction, tiles, stencil, scheme, cosines, limits : see `layout`
-    pair_potential : 1-D pool, or None
-    work : (threads, N_WORK, largest box); force : (threads, longest row)
-    surveys : (N, 5) float64, overwritten; see `survey`
+    boxes, terms, interaction, columns, stencil, scheme, cosines, limits : see `layout`
+    pairs_start, pair_potential : see `gather`, or None
+    work : (threads, N_FRAMES, largest frame); found : (threads, longest x axis, 2) int32;
+        measured : (threads, N_SURVEYED) float64; all overwritten
+    surveys : (N, N_SURVEYED) float64, updated; see `survey`
     use_repulsion, use_psi : True, or None where the scene has no such physics
     """
     for worker in prange(bounds.shape[0] - 1):
-        rhs = work[worker, WORK]
-        repulsion = choose(work[worker, REPULSION], use_repulsion)
-        psi = choose(work[worker, PSI], use_psi)
+        frames = work[worker]
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
             prepare(
-                i, phi, history, boxes, terms, interaction, tiles, pair_potential,
-                repulsion, psi, force[worker], rhs, stencil, scheme, limits.half,
+                i, phi, history, boxes, True, terms, interaction, columns, pairs_start,
+                pair_potential, frames, stencil, scheme, limits.half, use_repulsion, use_psi, None,
             )  # fmt: skip
+            keep_history(i, history, boxes, frames[HISTORY])
+            unload(i, frames[RHS], boxes, frames[START])
             helmholtz_solve(
-                rhs, work[worker, OTHER], work[worker, REPULSION],
+                frames[START], frames[PSI], frames[PHI],
                 boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
                 cosines, scheme.lhs, terms.gamma[i],
             )  # fmt: skip
-            accept(i, phi, rhs, boxes, limits, surveys)
+            accept_box(
+                i, phi, frames[START], boxes, limits, found[worker], measured[worker], surveys
+            )
+
+
+@kernel()
+def keep_history(i, history, boxes, frame):
+    """Store the next history of cell i."""
+    if history is not None:
+        unload(i, frame, boxes, history[boxes.start[i] :])
 
 
 @parallel_kernel()
-def step_explicit(
-    bounds, order, phi, boxes, terms, interaction, tiles, pair_potential,
-    work, force, stencil, scheme, cosines, limits, surveys, use_repulsion, use_psi,
+def step_band(
+    bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    work, found, measured, stencil, scheme, limits, surveys, lost, use_repulsion, use_psi,
 ):  # fmt: skip
-    """Advance every cell of `order` by explicit Euler: φ + (δt/τ) (F + γΔφ).
+    """Advance every cell of `order` by Eq. 6, 8, 9 or explicit Euler, on the band, by sweeps.
 
-    Parameters as for `step_implicit`; the scheme has a0 = 1 and a1 = δt/τ.
+    Parameters as for `step_transform`; `terms.sweeps` has the weights of the sweeps, and `lost`
+    (N,) float64 counts Σ φ of rows that leave the band.
     """
     for worker in prange(bounds.shape[0] - 1):
-        rhs = work[worker, WORK]
-        diffusion = work[worker, PSI]
-        other = work[worker, OTHER]
-        repulsion = choose(work[worker, REPULSION], use_repulsion)
-        psi = choose(work[worker, PSI], use_psi)
+        frames = work[worker]
+        one = limits.half + limits.half
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
             prepare(
-                i, phi, None, boxes, terms, interaction, tiles, pair_potential,
-                repulsion, psi, force[worker], rhs, stencil, scheme, limits.half,
+                i, phi, history, boxes, False, terms, interaction, columns, pairs_start,
+                pair_potential, frames, stencil, scheme, limits.half, use_repulsion, use_psi, True,
             )  # fmt: skip
-            size = box_size(i, boxes)
-            diffusion[:size] = phi[boxes.start[i] : boxes.start[i] + size]
-            laplacian(
-                diffusion, other, work[worker, REPULSION],
-                boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2], cosines, terms.gamma[i],
+            for s in range(terms.sweeps.shape[1]):
+                source = START if s % 2 == 0 else PHI
+                sweep(
+                    i, boxes, frames[source], frames[START + PHI - source], frames[RHS], stencil,
+                    scheme.lhs, terms.gamma[i], terms.sweeps[i, s], one,
+                )  # fmt: skip
+            result = PHI if terms.sweeps.shape[1] % 2 else START
+            accept_band(
+                i, phi, history, frames[result], frames[HISTORY], boxes, limits, found[worker],
+                measured[worker], surveys, lost,
             )  # fmt: skip
-            for p in range(size):
-                rhs[p] += scheme.a1 * diffusion[p]
-            accept(i, phi, rhs, boxes, limits, surveys)
 
 
 @parallel_kernel()
 def prepare_all(
-    bounds, order, phi, history, boxes, terms, interaction, tiles, pair_potential,
-    work, force, stencil, scheme, half, rhs, use_repulsion, use_psi,
+    bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    work, stencil, scheme, half, rhs, use_repulsion, use_psi,
 ):  # fmt: skip
     """Right-hand sides of all cells into the pool `rhs`, for a transform outside of Numba."""
     for worker in prange(bounds.shape[0] - 1):
-        repulsion = choose(work[worker, REPULSION], use_repulsion)
-        psi = choose(work[worker, PSI], use_psi)
+        frames = work[worker]
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
-            first = boxes.start[i]
             prepare(
-                i, phi, history, boxes, terms, interaction, tiles, pair_potential, repulsion,
-                psi, force[worker], rhs[first : first + box_size(i, boxes)],
-                stencil, scheme, half,
+                i, phi, history, boxes, True, terms, interaction, columns, pairs_start,
+                pair_potential, frames, stencil, scheme, half, use_repulsion, use_psi, None,
             )  # fmt: skip
+            keep_history(i, history, boxes, frames[HISTORY])
+            unload(i, frames[RHS], boxes, rhs[boxes.start[i] :])
 
 
 @parallel_kernel()
-def accept_all(bounds, order, phi, values, boxes, limits, surveys):
+def accept_all(bounds, order, phi, values, boxes, limits, found, measured, surveys):
     """Survey and store the new fields of all cells, given in the pool `values`."""
     for worker in prange(bounds.shape[0] - 1):
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
-            first = boxes.start[i]
-            accept(i, phi, values[first : first + box_size(i, boxes)], boxes, limits, surveys)
-
-
-@kernel()
-def choose(array, use):
-    """`array`, or None where `use` is None: decided when the kernel is compiled."""
-    if use is None:
-        return None
-    return array
+            accept_box(
+                i, phi, values[boxes.start[i] :], boxes, limits, found[worker], measured[worker],
+                surveys,
+            )  # fmt: skip

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from morphosim.kernels.boxes import extents, move_box, survey
-from morphosim.kernels.layout import Boxes
+from morphosim.kernels.boxes import (
+    BAD, FACE, N_SURVEYED, clear_outside, extents, move_box, survey, widen,
+)  # fmt: skip
+from morphosim.kernels.layout import Boxes, Limits
+from morphosim.kernels.step import GUARD
 
-GUARD = 1
-"""Lattice points between the band and the faces of a freshly laid box."""
 SLACK = 4
 """A box is laid anew when it could be smaller by this many points along an axis."""
 Integers = NDArray[np.int64]
@@ -56,24 +57,30 @@ class BoxPool:
     ----------
     phi : 1-D pool of φⁿ
     history : 1-D pool of the scheme's history Hⁿ, or None
+    band : (planes, 2) int32
+        Rows of each plane of each box where the field is not 0, `GUARD` more than where it
+        exceeds the tolerance.
+    surveys : (N, N_SURVEYED) float64
+        What `kernels.boxes.survey` found.
     lost : (N,) float64
         Σ φ that moving boxes has cut off since the start, per cell (signed, lattice units).
     """
 
-    def __init__(self, dtype: DTypeLike, tolerance: float, with_history: bool) -> None:
+    def __init__(
+        self, dtype: DTypeLike, limits: Limits, with_history: bool, band_only: bool
+    ) -> None:
         self.dtype: np.dtype[Any] = np.dtype(dtype)
-        self._real: Any = self.dtype.type
-        self.tolerance = np.asarray(tolerance, dtype)[()]
+        self.limits, self.band_only = limits, band_only
         self.phi: Real = np.zeros(0, dtype)
         self.history: Real | None = np.zeros(0, dtype) if with_history else None
-        self.spans = np.zeros((0, 2), np.int32)
+        self.band = np.zeros((0, 2), np.int32)
         self.origin = np.zeros((0, 3), np.int64)
         self.shape = np.zeros((0, 3), np.int64)
         self.start = np.zeros(0, np.int64)
-        self.row_start = np.zeros(0, np.int64)
+        self.plane_start = np.zeros(0, np.int64)
         self.lost = np.zeros(0)
-        self.surveys = np.zeros((0, 5))
-        self._slots, self._rows = Slots(), Slots()
+        self.surveys = np.zeros((0, N_SURVEYED))
+        self._slots, self._planes = Slots(), Slots()
 
     def __len__(self) -> int:
         return len(self.start)
@@ -81,13 +88,13 @@ class BoxPool:
     @property
     def boxes(self) -> Boxes:
         """Layout for the kernels; valid until boxes move."""
-        return Boxes(self.origin, self.shape, self.start, self.row_start, self.spans)
+        return Boxes(self.origin, self.shape, self.start, self.plane_start, self.band)
 
     @property
     def nbytes(self) -> int:
         """Bytes of the pools."""
         history = 0 if self.history is None else self.history.nbytes
-        return self.phi.nbytes + history + self.spans.nbytes
+        return self.phi.nbytes + history + self.band.nbytes
 
     def sizes(self) -> Integers:
         """Points per box."""
@@ -107,11 +114,11 @@ class BoxPool:
         self.origin = np.concatenate([self.origin, np.array([o for o, _ in laid]).reshape(-1, 3)])
         self.shape = np.concatenate([self.shape, shapes])
         starts = [self._slots.take(int(n)) for n in shapes.prod(axis=1)]
-        rows = [self._rows.take(int(n)) for n in shapes[:, :2].prod(axis=1)]
+        planes = [self._planes.take(int(n)) for n in shapes[:, 0]]
         self.start = np.concatenate([self.start, np.array(starts, np.int64)])
-        self.row_start = np.concatenate([self.row_start, np.array(rows, np.int64)])
+        self.plane_start = np.concatenate([self.plane_start, np.array(planes, np.int64)])
         self.lost = np.concatenate([self.lost, np.zeros(len(laid))])
-        self.surveys = np.concatenate([self.surveys, np.zeros((len(laid), 5))])
+        self.surveys = np.concatenate([self.surveys, np.zeros((len(laid), N_SURVEYED))])
         self._reserve()
         for i, (_, phi) in enumerate(laid, first):
             self.box(i)[:] = phi
@@ -122,24 +129,32 @@ class BoxPool:
     def remove(self, i: int) -> None:
         """Drop cell i; cells behind it move up by one."""
         self._release(i)
-        for name in ("origin", "shape", "start", "row_start", "lost", "surveys"):
+        for name in ("origin", "shape", "start", "plane_start", "lost", "surveys"):
             setattr(self, name, np.delete(getattr(self, name), i, axis=0))
 
-    def survey(self, i: int) -> None:
-        """Measure cell i's stored field: its row spans and sums (`kernels.boxes.survey`)."""
-        survey(
-            self.phi, self.start[i], *self.shape[i], self.tolerance, self._real(np.inf),
-            self._real(0.5), self.spans, self.row_start[i], self.surveys[i],
-        )  # fmt: skip
+    def survey(self, i: int) -> float:
+        """Measure cell i's stored field and find its band anew; return Σ φ that this cuts off."""
+        nx, ny, nz = (int(n) for n in self.shape[i])
+        band = self.band[self.plane_start[i] : self.plane_start[i] + nx]
+        where = self.phi, self.start[i], ny * nz, nz, nx, ny, nz
+        survey(*where, band, True, self.limits, band, self.surveys[i])
+        widen(band, GUARD, nx, ny)
+        if not self.band_only:
+            return 0.0
+        if self.history is not None:
+            clear_outside(self.history, self.start[i], band, nx, ny, nz)
+        cut = clear_outside(self.phi, self.start[i], band, nx, ny, nz)
+        survey(*where, band, False, self.limits, band.copy(), self.surveys[i])
+        return float(cut)
 
     def refit(self, cells: Integers) -> Integers:
         """Lay the boxes of these cells anew where the band needs it; return those that moved."""
         found = np.zeros((len(cells), 3, 2), np.int64)
-        extents(cells, self.boxes, found)
+        extents(cells, self.phi, self.boxes, self.limits.tolerance, found)
         low, high = found[:, :, 0] - GUARD, found[:, :, 1] + GUARD
-        alive = (found[:, 0, 0] < found[:, 0, 1]) & (self.surveys[cells, 3] == 0)
+        alive = (found[:, 0, 0] < found[:, 0, 1]) & (self.surveys[cells, BAD] == 0)
         shape = even(high - low)
-        touching = self.surveys[cells, 4] > self.tolerance
+        touching = self.surveys[cells, FACE] > self.limits.tolerance
         loose = (shape <= self.shape[cells] - SLACK).any(axis=1)
         moved = alive & (touching | loose)
         for k in np.flatnonzero(moved):
@@ -148,7 +163,7 @@ class BoxPool:
 
     def _trim(self, origin: Integers, phi: Real) -> tuple[Integers, Real]:
         """Cut a start field down to its band, or pad it, and make its shape even."""
-        band = np.argwhere(np.abs(phi) > self.tolerance)
+        band = np.argwhere(np.abs(phi) > self.limits.tolerance)
         low = band.min(axis=0) - GUARD
         shape = even(band.max(axis=0) + 1 + GUARD - low)
         target = np.zeros(shape, self.dtype)
@@ -170,7 +185,7 @@ class BoxPool:
         ]  # fmt: skip
         self._release(i)
         self.start[i] = self._slots.take(size)
-        self.row_start[i] = self._rows.take(int(shape[0] * shape[1]))
+        self.plane_start[i] = self._planes.take(int(shape[0]))
         self.origin[i] += shift
         self.shape[i] = shape
         self._reserve()
@@ -179,17 +194,16 @@ class BoxPool:
             move_box(values, 0, old_shape, pool, self.start[i], shape, shift)
             for values, pool in zip(saved, pools, strict=True)
         ]
-        self.lost[i] += lost[0]
-        self.survey(i)
+        self.lost[i] += lost[0] + self.survey(i)
 
     def _release(self, i: int) -> None:
         self._slots.give(int(self.start[i]), int(self.shape[i].prod()))
-        self._rows.give(int(self.row_start[i]), int(self.shape[i, :2].prod()))
+        self._planes.give(int(self.plane_start[i]), int(self.shape[i, 0]))
 
     def _reserve(self) -> None:
         """Grow the pools to what the slots need, with room for a few boxes more."""
-        if self._rows.end > len(self.spans):
-            self.spans = _grown(self.spans, self._rows.end)
+        if self._planes.end > len(self.band):
+            self.band = _grown(self.band, self._planes.end)
         if self._slots.end > len(self.phi):
             self.phi = _grown(self.phi, self._slots.end)
             if self.history is not None:

@@ -199,6 +199,28 @@ def import_matlab(
     typer.echo(f"scene in {output / 'scene.toml'}")
 
 
+@app.command()
+def bench(
+    seconds: Annotated[float, typer.Option(help="about how long to time")] = 60.0,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", dir_okay=False, help="also write the result to this file"),
+    ] = None,
+    threads: Annotated[int, typer.Option(help="number of threads to compare with one; 0: all")] = 0,
+) -> None:
+    """Time this machine: steps of 100 cells and of the embryo, memory, bandwidth."""
+    from morphosim.bench import measure, progress_line, text
+
+    if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+    with progress_line() as tell:
+        result = measure(seconds, threads, tell)
+    typer.echo(text(result))
+    if json_file is not None:
+        json_file.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        typer.echo(f"written to {json_file}")
+
+
 def main() -> None:
     """Entry point; warnings and errors of input are one line, without a traceback."""
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"

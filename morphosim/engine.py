@@ -4,6 +4,7 @@ import heapq
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import Any
 
 import numba
 import numpy as np
@@ -13,19 +14,26 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from morphosim.boxes import BoxPool
+from morphosim.columns import Background, ColumnCover
 from morphosim.confinement import Confinement
 from morphosim.interactions import Interactions
 from morphosim.kernels import step as kernels
+from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE, N_SURVEYED, TOTAL
+from morphosim.kernels.columns import accumulate
+from morphosim.kernels.frames import HALO
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.noise import normal_vectors
 from morphosim.kernels.pairs import accumulate_pairs
-from morphosim.kernels.stencils import COEFFICIENTS
-from morphosim.kernels.tiles import accumulate
+from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
-from morphosim.schemes import coefficients
-from morphosim.tiles import Background, TileCover
+from morphosim.schemes import (
+    MORE_WITHOUT_HISTORY,
+    coefficients,
+    largest_eigenvalue,
+    sweep_roots,
+)
 from morphosim.transforms import BoxTransform, CosineTables, FFTWTransform, SciPyTransform
 from morphosim.walls import wall_repulsion
 
@@ -80,19 +88,22 @@ class Engine:
         self.steps = 0
         self.fresh = True
         self._real = self.dtype.type
-        self.pool = BoxPool(self.dtype, numerics.box_tolerance, numerics.scheme == "bdf2")
+        self._limits = Limits(*(self._real(v) for v in (numerics.box_tolerance, RUNAWAY, 0.5)))
+        self._band_only = numerics.solver == "band" or numerics.scheme == "euler"
+        self.pool = BoxPool(self.dtype, self._limits, numerics.scheme == "bdf2", self._band_only)
         self.pool.add(fields)
-        self.face_peak = self.pool.surveys[:, 4].copy()
-        self._limits = Limits(self.pool.tolerance, self._real(RUNAWAY), self._real(0.5))
+        self.face_peak = self.pool.surveys[:, EDGE].copy()
         self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._cosines = CosineTables(
             numerics.spacing, numerics.laplacian, numerics.order, self.dtype
         )
         self._libraries = [
-            _make_library(numerics.transform, self.dtype) for _ in range(self.workers)
+            None if self._band_only else _make_library(numerics.transform, self.dtype)
+            for _ in range(self.workers)
         ]  # one per thread: an FFTW plan must not be shared
-        self._work = np.zeros((self.workers, kernels.N_WORK, 0), self.dtype)
-        self._force = np.zeros((self.workers, 0), self.dtype)
+        self._work = np.zeros((self.workers, kernels.N_FRAMES, 0), self.dtype)
+        self._found = np.zeros((self.workers, 0, 2), np.int32)
+        self._measured = np.zeros((self.workers, N_SURVEYED))
         self._pair_potential: NDArray[np.floating] | None = None
         self._rhs: NDArray[np.floating] | None = None
         self._controller = ThreadpoolController()
@@ -104,12 +115,12 @@ class Engine:
     @property
     def volumes(self) -> NDArray[np.float64]:
         """∫ φ of each cell, µm³."""
-        return np.asarray(self.pool.surveys[:, 0] * self.numerics.spacing**3)
+        return np.asarray(self.pool.surveys[:, TOTAL] * self.numerics.spacing**3)
 
     @property
     def core_volumes(self) -> NDArray[np.float64]:
         """Volume where φ exceeds 1/2, of each cell, µm³."""
-        return np.asarray(self.pool.surveys[:, 2] * self.numerics.spacing**3)
+        return np.asarray(self.pool.surveys[:, CORE] * self.numerics.spacing**3)
 
     @property
     def lost_volume(self) -> NDArray[np.float64]:
@@ -119,9 +130,9 @@ class Engine:
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays that grow with the cells."""
-        tiles = self._cover.nbytes if self._coupled else 0
+        columns = self._cover.nbytes if self._coupled else 0
         extra = sum(a.nbytes for a in (self._pair_potential, self._rhs) if a is not None)
-        return self.pool.nbytes + tiles + extra + self._work.nbytes
+        return self.pool.nbytes + columns + extra + self._work.nbytes
 
     @contextmanager
     def limited_threads(self) -> Iterator[None]:
@@ -144,16 +155,16 @@ class Engine:
         self._advance()
         self.fresh = False
         self.steps += 1
-        np.maximum(self.face_peak, self.pool.surveys[:, 4], out=self.face_peak)
+        np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
 
     def diverged(self) -> NDArray[np.int64]:
         """Cells whose last step was refused: not finite, or beyond `RUNAWAY`."""
-        return np.flatnonzero(self.pool.surveys[:, 3] > 0)
+        return np.flatnonzero(self.pool.surveys[:, BAD] > 0)
 
     def vanished(self) -> NDArray[np.int64]:
         """Cells that are below 1/2 everywhere."""
-        return np.flatnonzero(self.pool.surveys[:, 2] == 0)
+        return np.flatnonzero(self.pool.surveys[:, CORE] == 0)
 
     def remove(self, i: int) -> None:
         """Take cell i out; the others keep their history."""
@@ -181,19 +192,22 @@ class Engine:
             if walls and self.confinement is not None
             else None
         )
-        self._cover = TileCover(self.dtype, self.workers, self._interactions.n_fields, background)
+        self._cover = ColumnCover(self.dtype, self.workers, self._interactions.n_fields, background)
         self._terms = CellTerms(
             gamma=self.gamma.astype(self.dtype),
             well=(4 * self.gamma * physics.c).astype(self.dtype),
             pressure=np.zeros(n, self.dtype),
             drift=np.zeros((n, 3), self.dtype) if physics.kappa > 0 else None,
+            sweeps=np.zeros((n, 0), self.dtype),
         )
         self._normals = np.zeros((n, 3))
+        self._weights: tuple[float, NDArray[np.floating]] | None = None
         self._relayout()
 
     def _relayout(self) -> None:
         """Set up all that depends on where boxes are and how large."""
-        self._cosines.require(self.pool.shape)
+        if not self._band_only:
+            self._cosines.require(self.pool.shape)
         self._share_out()
         self._reserve()
         if self._coupled:
@@ -215,32 +229,33 @@ class Engine:
 
     def _reserve(self) -> None:
         """Work space for the largest box, and pools that only some scenes need."""
-        size, row = int(self.pool.sizes().max()), int(self.pool.shape[:, 2].max())
-        size = max(size, COLUMNS * int(self.pool.shape.max()))
+        shape = self.pool.shape
+        frames = (shape + 2 * HALO).prod(axis=1)
+        size, planes = max(frames.max(), COLUMNS * shape.max()), shape[:, 0].max()
         if self._work.shape[2] < size:
-            self._work = np.zeros((self.workers, kernels.N_WORK, size), self.dtype)
-        if self._force.shape[1] < row:
-            self._force = np.zeros((self.workers, row), self.dtype)
-        length = len(self.pool.phi)
-        self._pair_potential = self._matching(
-            self._pair_potential, self._interactions.pairs is not None, length
-        )
-        self._rhs = self._matching(self._rhs, self._libraries[0] is not None, length)
+            self._work = np.zeros((self.workers, kernels.N_FRAMES, size), self.dtype)
+        if self._found.shape[1] < planes:
+            self._found = np.zeros((self.workers, planes, 2), np.int32)
+        pairs = self._interactions.pairs
+        if pairs is not None:
+            sizes = np.where(np.diff(pairs.start) > 0, frames, 0)
+            pairs.frame_start[:] = np.where(sizes > 0, np.cumsum(sizes) - sizes, -1)
+            self._pair_potential = self._resized(self._pair_potential, int(sizes.sum()))
+        if self._libraries[0] is not None:
+            self._rhs = self._resized(self._rhs, len(self.pool.phi))
 
-    def _matching(
-        self, pool: NDArray[np.floating] | None, wanted: bool, length: int
-    ) -> NDArray[np.floating] | None:
-        """A pool of the length of `phi`, if the scene needs one."""
-        if not wanted:
-            return None
-        return pool if pool is not None and len(pool) == length else np.zeros(length, self.dtype)
+    def _resized(self, pool: NDArray[np.floating] | None, length: int) -> NDArray[np.floating]:
+        """A pool of this length: the one given, if it fits."""
+        if pool is not None and len(pool) == length:
+            return pool
+        return np.zeros(length, self.dtype)
 
     def _accumulate(self) -> None:
         """Sums over cells of the present state."""
         if not self._coupled:
             return
         phi, boxes = self.pool.phi, self.pool.boxes
-        accumulate(self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.tiles)
+        accumulate(self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.columns)
         if self._interactions.pairs is not None:
             accumulate_pairs(
                 self._bounds, self._order, self._interactions.pairs, phi, boxes,
@@ -269,19 +284,50 @@ class Engine:
         scheme = Scheme(**{name: self._real(value) for name, value in numbers.items()})
         if self._libraries[0] is not None:
             self._advance_with_library(scheme)
-            return
-        shared = (
-            self.pool.boxes, self._terms, self._interactions.interaction,
-            self._cover.tiles if self._coupled else None, self._pair_potential,
-            self._work, self._force, self._stencil, scheme, self._cosines.arrays,
-            self._limits, self.pool.surveys, *self._uses(),
-        )  # fmt: skip
-        if self.numerics.scheme == "euler":
-            kernels.step_explicit(self._bounds, self._order, self.pool.phi, *shared)
+        elif self._band_only:
+            terms = self._terms._replace(sweeps=self._sweeps(numbers["lhs"]))
+            kernels.step_band(
+                *self._acting(terms), self._work, self._found, self._measured, self._stencil,
+                scheme, self._limits, self.pool.surveys, self.pool.lost, *self._uses(),
+            )  # fmt: skip
         else:
-            kernels.step_implicit(
-                self._bounds, self._order, self.pool.phi, self.pool.history, *shared
-            )
+            kernels.step_transform(
+                *self._acting(self._terms), self._work, self._found, self._measured,
+                self._stencil, scheme, self._cosines.arrays, self._limits, self.pool.surveys,
+                *self._uses(),
+            )  # fmt: skip
+
+    def _acting(self, terms: CellTerms) -> tuple[Any, ...]:
+        """What all step kernels begin with: cells, fields, and what acts on them."""
+        pairs = self._interactions.pairs
+        return (
+            self._bounds, self._order, self.pool.phi, self.pool.history, self.pool.boxes, terms,
+            self._interactions.interaction, self._cover.columns if self._coupled else None,
+            None if pairs is None else pairs.frame_start, self._pair_potential,
+        )  # fmt: skip
+
+    def _sweeps(self, lhs: float) -> NDArray[np.floating]:
+        """(N, sweeps) weights of the sweeps of this step."""
+        if self._weights is None or self._weights[0] != lhs:
+            self._weights = lhs, self._make_sweeps(lhs)
+        return self._weights[1]
+
+    def _make_sweeps(self, lhs: float) -> NDArray[np.floating]:
+        numerics = self.numerics
+        if numerics.scheme == "euler":
+            return np.full((len(self), 1), numerics.dt / self.physics.tau, self.dtype)
+        extrapolates = numerics.scheme == "bdf2" and not self.fresh
+        top = largest_eigenvalue(numerics.order, numerics.spacing)
+        sweeps = numerics.sweeps + (0 if extrapolates else MORE_WITHOUT_HISTORY)
+        tensions, index = np.unique(self.gamma, return_inverse=True)
+        while True:
+            roots = [
+                sweep_roots(lhs, gamma * self.physics.c, gamma * top, sweeps)
+                for gamma in tensions.tolist()
+            ]
+            if max(map(len, roots)) == sweeps:
+                return (1 / np.array(roots))[index].astype(self.dtype)
+            sweeps = max(map(len, roots))
 
     def _uses(self) -> tuple[bool | None, bool | None]:
         """Whether there is repulsion, and attraction; None compiles the branch away."""
@@ -293,10 +339,8 @@ class Engine:
         """As `_advance`, with the cosine transforms of a library, box by box."""
         boxes, pool = self.pool.boxes, self.pool
         kernels.prepare_all(
-            self._bounds, self._order, pool.phi, pool.history, boxes, self._terms,
-            self._interactions.interaction, self._cover.tiles if self._coupled else None,
-            self._pair_potential, self._work, self._force, self._stencil, scheme,
-            self._limits.half, self._rhs, *self._uses(),
+            *self._acting(self._terms), self._work, self._stencil, scheme, self._limits.half,
+            self._rhs, *self._uses(),
         )  # fmt: skip
         with ThreadPoolExecutor(self.workers) as threads:
             lists = [self._order[a:b] for a, b in zip(self._bounds, self._bounds[1:], strict=False)]
@@ -307,25 +351,20 @@ class Engine:
             for task in tasks:
                 task.result()
         kernels.accept_all(
-            self._bounds, self._order, pool.phi, self._rhs, boxes, self._limits, pool.surveys
-        )
+            self._bounds, self._order, pool.phi, self._rhs, boxes, self._limits, self._found,
+            self._measured, pool.surveys,
+        )  # fmt: skip
 
     def _solve(
         self, cells: NDArray[np.int64], scheme: Scheme, library: BoxTransform | None
     ) -> None:
-        """Implicit solve (or explicit diffusion) of some cells in the pool `_rhs`."""
+        """Implicit solve of some cells in the pool `_rhs`."""
         assert library is not None
         for i in cells.tolist():
             rhs = self.pool.box(i, self._rhs)
-            symbol = self._symbol(i)
-            if self.numerics.scheme == "euler":
-                spectrum = library.forward(self.pool.box(i).copy())
-                spectrum *= -symbol
-                rhs += scheme.a1 * library.inverse(spectrum)
-            else:
-                spectrum = library.forward(rhs)
-                spectrum /= scheme.lhs + symbol
-                rhs[:] = library.inverse(spectrum)
+            spectrum = library.forward(rhs)
+            spectrum /= scheme.lhs + self._symbol(i)
+            rhs[:] = library.inverse(spectrum)
 
     def _symbol(self, i: int) -> NDArray[np.floating]:
         """γ (λx + λy + λz) of cell i's box."""
@@ -339,7 +378,7 @@ class Engine:
         if self.steps % SHRINK_INTERVAL == 0:
             cells = self._order
         else:
-            touching = self.pool.surveys[:, 4] > self.pool.tolerance
+            touching = self.pool.surveys[:, FACE] > self._limits.tolerance
             cells = np.flatnonzero(touching & ~self.frozen)
         if len(cells) and len(self.pool.refit(cells)):
             self._relayout()
@@ -356,10 +395,10 @@ def _checked_threads(threads: int) -> int:
 
 
 def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:
-    weights = [dtype.type(w / spacing) for w in COEFFICIENTS[order]]
-    c1, c2, c3 = (*weights, None, None)[:3]
-    edge = dtype.type(COEFFICIENTS[2][0] / spacing)
-    return Stencil(radius=order // 2, edge=edge, c1=c1, c2=c2, c3=c3)
+    first = [dtype.type(w / spacing) for w in COEFFICIENTS[order]]
+    second = [dtype.type(w / spacing**2) for w in LAPLACIAN_COEFFICIENTS[order]]
+    absent = [None] * (3 - order // 2)
+    return Stencil(*first, *absent, *second, *absent)
 
 
 def _make_library(transform: str, dtype: np.dtype) -> BoxTransform | None:

@@ -72,4 +72,5 @@ def _pairs(
         start=np.searchsorted(pulled, np.arange(len(names) + 1)).astype(np.int64),
         cell=np.array([j for _, j, _ in rows], np.int64),
         weight=np.array([w for _, _, w in rows], dtype),
+        frame_start=np.full(len(names), -1),
     )

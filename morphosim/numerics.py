@@ -7,12 +7,14 @@ from typing import Any, Self
 from morphosim import _validate
 
 SCHEMES = ("bdf2", "imex1", "euler")
+SOLVERS = ("dct", "band")
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
 WALLS = ("resolved", "stepped")
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
+    "fast": {"solver": "band"},
     "standard": {},
     "reference": {"dt": 0.5, "spacing": 1 / 3},
     "published": {"S": 12.0, "walls": "stepped"},
@@ -37,6 +39,12 @@ class Numerics:
         Stabilisation of the first step of "bdf2"; by default S, as published. S acts as inertia:
         after a stabilised start velocities take S δt/τ steps to build up. Start a smooth state
         that is already in motion with 0.
+    solver : {"dct", "band"}
+        How (a - γΔ) is inverted: exactly, by cosine transforms of each box, or by `sweeps` over the
+        band, where the field is not 0, from an extrapolated start (see `sweeps`). Not used by
+        "euler".
+    sweeps : int
+        Least number of sweeps of the "band" solver; more are taken where fewer would not converge.
     spacing : float
         Lattice spacing in µm.
     order : {2, 4, 6}
@@ -71,6 +79,8 @@ class Numerics:
     S: float = 6.0
     scheme: str = "bdf2"
     start_S: float | None = None
+    solver: str = "dct"
+    sweeps: int = 2
     spacing: float = 0.5
     order: int = 6
     laplacian: str = "exact"
@@ -88,6 +98,8 @@ class Numerics:
         _validate.choice("numerics.scheme", self.scheme, SCHEMES)
         if self.start_S is not None:
             _validate.number("numerics.start_S", self.start_S, least=0)
+        _validate.choice("numerics.solver", self.solver, SOLVERS)
+        _validate.integer("numerics.sweeps", self.sweeps, least=2)
         _validate.number("numerics.spacing", self.spacing, above=0)
         _validate.choice("numerics.order", self.order, (2, 4, 6))
         _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
@@ -113,7 +125,7 @@ class Numerics:
 
         Parameters
         ----------
-        name : {"draft", "standard", "reference", "published"}
+        name : {"draft", "fast", "standard", "reference", "published"}
         **changes
             Values that differ from the preset.
 

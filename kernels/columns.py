@@ -1,0 +1,187 @@
+"""Sums over cells on sparse columns of the lattice.
+
+The cells' sums Σ g φ² (repulsion) and Σ φ per cell type (attraction) are accumulated on columns of
+4 × 4 rows along z. A column reaches as far as the frames over it hang together and exists only
+where two of them meet or a confinement acts, so memory follows the cells, and each row of a frame
+lies in one column. Each column is summed by one thread in the order of its cell list: the result
+does not depend on the number of threads. A cell takes its own share off when it reads.
+"""
+
+import numpy as np
+from numba import prange
+
+from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.frames import HALO, band_rows, clear_row, copy_row, frame_index, strides
+
+SHIFT = 2
+WIDTH = 1 << SHIFT
+"""Rows of a column along x and y."""
+ROWS = WIDTH * WIDTH
+
+
+@inline_kernel()
+def row_of(x, y):
+    """Number of the row at lattice position (x, y) within its column."""
+    return (x % WIDTH) * WIDTH + y % WIDTH
+
+
+@inline_kernel()
+def add_row(phi, source, count, g, repulsion, target, potential, target_potential):
+    """Add g φ² and φ of one row."""
+    for k in range(np.uint64(count)):
+        value = phi[source + k]
+        repulsion[target + k] += g * value * value
+        if potential is not None:
+            potential[target_potential + k] += value
+
+
+@kernel()
+def add_cell(i, corner, length, phi, boxes, g, repulsion, first, potential, potential_first):
+    """Add the band of cell i to the column whose lower corner is `corner`."""
+    ox, oy, oz = boxes.origin[i, 0], boxes.origin[i, 1], boxes.origin[i, 2]
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    for x in range(max(corner[0], ox), min(corner[0] + WIDTH, ox + nx)):
+        y0, y1 = band_rows(x - ox, i, boxes, False)
+        for y in range(max(corner[1], oy + y0), min(corner[1] + WIDTH, oy + y1)):
+            offset = row_of(x, y) * length + oz - corner[2]
+            add_row(
+                phi, np.uint64(boxes.start[i] + ((x - ox) * ny + y - oy) * nz), nz, g,
+                repulsion, np.uint64(first + offset),
+                potential, np.uint64(potential_first + offset),
+            )  # fmt: skip
+
+
+@inline_kernel()
+def clear_column(first, points, n_types, background, repulsion, potential):
+    """Start a column's sums: the confinement's share, or nothing."""
+    if background is not None:
+        repulsion[first : first + points] = background[first : first + points]
+    else:
+        repulsion[first : first + points] = 0
+    if potential is not None:
+        potential[first * n_types : (first + points) * n_types] = 0
+
+
+@kernel()
+def sum_column(a, lists, phi, boxes, types, n_types, g, background, repulsion, potential):
+    """Sum all cells over column `a`."""
+    first, length = lists.start[a], lists.length[a]
+    points = ROWS * length
+    clear_column(first, points, n_types, background, repulsion, potential)
+    for k in range(lists.cell_start[a], lists.cell_start[a + 1]):
+        i = lists.cells[k]
+        add_cell(
+            i, lists.corner[a], length, phi, boxes, g, repulsion, first,
+            potential, first * n_types + types[i] * points,
+        )  # fmt: skip
+
+
+@parallel_kernel()
+def accumulate(lists, phi, boxes, interaction, columns):
+    """Sum all cells on the columns: `columns.repulsion` and `columns.potential`.
+
+    Parameters
+    ----------
+    lists : ColumnLists
+    phi : 1-D pool of the cells' fields
+    boxes : Boxes
+    interaction : Interaction
+    columns : Columns
+    """
+    for worker in prange(lists.bounds.shape[0] - 1):
+        for a in range(lists.bounds[worker], lists.bounds[worker + 1]):
+            sum_column(
+                a, lists, phi, boxes, interaction.types, interaction.pull.shape[0],
+                interaction.g, columns.background, columns.repulsion, columns.potential,
+            )  # fmt: skip
+
+
+@inline_kernel()
+def read_repulsion(sums, first, phi, p, count, own_g, repulsion):
+    """R along a row: the column's sum less the cell's own g φ²."""
+    for k in range(np.uint64(count)):
+        repulsion[p + k] = sums[first + k] - own_g * phi[p + k] * phi[p + k]
+
+
+@inline_kernel()
+def read_potential(sums, first, phi, p, count, weight, own_weight, psi):
+    """Add σ Σ φ to ψ along a row, less the cell's own share."""
+    for k in range(np.uint64(count)):
+        psi[p + k] += weight * sums[first + k] - own_weight * phi[p + k]
+
+
+@inline_kernel()
+def reach(x, i, boxes, whole):
+    """Rows [y0, y1) of plane x of the frame that stencils on the band read, in the box's count."""
+    if whole:
+        return -HALO, boxes.shape[i, 1] + HALO
+    low, high = boxes.shape[i, 1], np.int64(0)
+    for plane in range(max(x - HALO, 0), min(x + HALO + 1, boxes.shape[i, 0])):
+        y0, y1 = band_rows(plane, i, boxes, whole)
+        if y0 < y1:
+            low, high = min(low, y0), max(high, y1)
+    if low >= high:
+        return np.int64(0), np.int64(0)
+    return low - HALO, high + HALO
+
+
+@inline_kernel()
+def read_row(place, row, count, own, share, interaction, columns, phi, p, repulsion, psi):
+    """Read one row of a frame from its column; `share` tells whether the cell is in its sums."""
+    first, length, z = place[0], place[1], place[2]
+    offset = row * length + z
+    mine = phi.dtype.type(share)
+    read_repulsion(
+        columns.repulsion, np.uint64(first + offset), phi, p, count, mine * interaction.g, repulsion
+    )
+    if columns.potential is not None:
+        n_types = interaction.pull.shape[0]
+        for t in range(n_types):
+            weight = interaction.pull[t, own]
+            if weight != 0:
+                own_weight = weight * phi.dtype.type(share and t == own)
+                source = np.uint64(first * n_types + t * ROWS * length + offset)
+                read_potential(columns.potential, source, phi, p, count, weight, own_weight, psi)
+
+
+@kernel()
+def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, phi, repulsion, psi):
+    """Repulsion R and attraction potential ψ felt by cell i, in its frame.
+
+    Parameters
+    ----------
+    i : int
+    boxes, interaction, columns : Boxes, Interaction, Columns
+    whole : bool, fill the whole frame, not only what stencils on the band read
+    pairs_start : (N,) where frames start in `pair_potential`, or None
+    pair_potential : 1-D pool of `accumulate_pairs`, or None
+    phi : frame of the field
+    repulsion, psi : frames, overwritten; psi is None without attraction
+    """
+    ox, oy, oz = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO, boxes.origin[i, 2] - HALO
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2] + 2 * HALO
+    sx, sy = strides(i, boxes)
+    own, cover = interaction.types[i], columns.cover
+    columns_y = ((oy + ny + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
+    for x in range(-HALO, nx + HALO):
+        low, high = reach(x, i, boxes, whole)
+        y0, y1 = np.int64(0), np.int64(0)
+        if 0 <= x < nx:
+            y0, y1 = band_rows(x, i, boxes, False)
+        lx = ox + HALO + x
+        column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
+        for y in range(low, high):
+            ly = oy + HALO + y
+            place = cover[column + (ly >> SHIFT) - (oy >> SHIFT)]
+            p = np.uint64(frame_index(x, y, -HALO, sx, sy))
+            if pair_potential is not None and pairs_start[i] >= 0:
+                copy_row(pair_potential, np.uint64(pairs_start[i]) + p, psi, p, nz)
+            elif psi is not None:
+                clear_row(psi, p, nz)
+            if place[0] < 0:
+                clear_row(repulsion, p, nz)
+            else:
+                read_row(
+                    place, row_of(lx, ly), nz, own, y0 <= y < y1, interaction, columns,
+                    phi, p, repulsion, psi,
+                )  # fmt: skip
