@@ -11,9 +11,17 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
-from morphosim.kernels.frames import HALO, band_rows, clear_row, copy_row, frame_index, strides
+from morphosim.kernels.frames import (
+    HALO,
+    band_rows,
+    clear_row,
+    copy_row,
+    frame_index,
+    reach,
+    strides,
+)
 
-SHIFT = 2
+SHIFT = 3
 WIDTH = 1 << SHIFT
 """Rows of a column along x and y."""
 ROWS = WIDTH * WIDTH
@@ -105,43 +113,39 @@ def read_repulsion(sums, first, phi, p, count, own_g, repulsion):
 
 @inline_kernel()
 def read_potential(sums, first, phi, p, count, weight, own_weight, psi):
-    """Add σ Σ φ to ψ along a row, less the cell's own share."""
+    """ψ along a row by one type's sum: σ Σ φ less the cell's own share."""
+    for k in range(np.uint64(count)):
+        psi[p + k] = weight * sums[first + k] - own_weight * phi[p + k]
+
+
+@inline_kernel()
+def add_potential(sums, first, phi, p, count, weight, own_weight, psi):
+    """Add another type's sum."""
     for k in range(np.uint64(count)):
         psi[p + k] += weight * sums[first + k] - own_weight * phi[p + k]
 
 
 @inline_kernel()
-def reach(x, i, boxes, whole):
-    """Rows [y0, y1) of plane x of the frame that stencils on the band read, in the box's count."""
-    if whole:
-        return -HALO, boxes.shape[i, 1] + HALO
-    low, high = boxes.shape[i, 1], np.int64(0)
-    for plane in range(max(x - HALO, 0), min(x + HALO + 1, boxes.shape[i, 0])):
-        y0, y1 = band_rows(plane, i, boxes, whole)
-        if y0 < y1:
-            low, high = min(low, y0), max(high, y1)
-    if low >= high:
-        return np.int64(0), np.int64(0)
-    return low - HALO, high + HALO
+def read_psi(place, row, count, own, share, interaction, columns, phi, p, psi, filled):
+    """ψ along one row of a frame from its column.
 
-
-@inline_kernel()
-def read_row(place, row, count, own, share, interaction, columns, phi, p, repulsion, psi):
-    """Read one row of a frame from its column; `share` tells whether the cell is in its sums."""
+    `share` tells whether the cell itself is in the sums of this row, `filled` whether ψ has other
+    contributions already.
+    """
     first, length, z = place[0], place[1], place[2]
-    offset = row * length + z
-    mine = phi.dtype.type(share)
-    read_repulsion(
-        columns.repulsion, np.uint64(first + offset), phi, p, count, mine * interaction.g, repulsion
-    )
-    if columns.potential is not None:
-        n_types = interaction.pull.shape[0]
-        for t in range(n_types):
-            weight = interaction.pull[t, own]
-            if weight != 0:
-                own_weight = weight * phi.dtype.type(share and t == own)
-                source = np.uint64(first * n_types + t * ROWS * length + offset)
+    n_types = interaction.pull.shape[0]
+    for t in range(n_types):
+        weight = interaction.pull[t, own]
+        if weight != 0:
+            own_weight = weight * phi.dtype.type(share and t == own)
+            source = np.uint64(first * n_types + (t * ROWS + row) * length + z)
+            if filled:
+                add_potential(columns.potential, source, phi, p, count, weight, own_weight, psi)
+            else:
                 read_potential(columns.potential, source, phi, p, count, weight, own_weight, psi)
+                filled = True
+    if not filled:
+        clear_row(psi, p, count)
 
 
 @kernel()
@@ -158,30 +162,40 @@ def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, p
     phi : frame of the field
     repulsion, psi : frames, overwritten; psi is None without attraction
     """
-    ox, oy, oz = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO, boxes.origin[i, 2] - HALO
-    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2] + 2 * HALO
+    ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
+    nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
     sx, sy = strides(i, boxes)
-    own, cover = interaction.types[i], columns.cover
+    own, cover, g = interaction.types[i], columns.cover, interaction.g
     columns_y = ((oy + ny + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
+    pulled = pair_potential is not None and pairs_start[i] >= 0
     for x in range(-HALO, nx + HALO):
         low, high = reach(x, i, boxes, whole)
         y0, y1 = np.int64(0), np.int64(0)
+        w0, w1 = y0, y1
         if 0 <= x < nx:
             y0, y1 = band_rows(x, i, boxes, False)
+            w0, w1 = band_rows(x, i, boxes, whole)
         lx = ox + HALO + x
         column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
         for y in range(low, high):
             ly = oy + HALO + y
             place = cover[column + (ly >> SHIFT) - (oy >> SHIFT)]
+            row, share = row_of(lx, ly), y0 <= y < y1
             p = np.uint64(frame_index(x, y, -HALO, sx, sy))
-            if pair_potential is not None and pairs_start[i] >= 0:
-                copy_row(pair_potential, np.uint64(pairs_start[i]) + p, psi, p, nz)
-            elif psi is not None:
-                clear_row(psi, p, nz)
-            if place[0] < 0:
-                clear_row(repulsion, p, nz)
-            else:
-                read_row(
-                    place, row_of(lx, ly), nz, own, y0 <= y < y1, interaction, columns,
-                    phi, p, repulsion, psi,
-                )  # fmt: skip
+            if w0 <= y < w1:
+                if place[0] < 0:
+                    clear_row(repulsion, p, sy)
+                else:
+                    source = np.uint64(place[0] + row * place[1] + place[2])
+                    read_repulsion(
+                        columns.repulsion, source, phi, p, sy, phi.dtype.type(share) * g, repulsion
+                    )
+            if psi is not None:
+                if pair_potential is not None and pulled:
+                    copy_row(pair_potential, np.uint64(pairs_start[i]) + p, psi, p, sy)
+                if columns.potential is not None and place[0] >= 0:
+                    read_psi(
+                        place, row, sy, own, share, interaction, columns, phi, p, psi, pulled
+                    )
+                elif not pulled:
+                    clear_row(psi, p, sy)

@@ -14,7 +14,9 @@ from morphosim.kernels.stencils import derivative
 
 
 @inline_kernel()
-def force(phi, psi, p, repulsion, sx, sy, c1, c2, c3, well, half, pressure, dx, dy, dz):
+def force(
+    phi, psi, repulsion, p, sx, sy, c1, c2, c3, well, half, pressure, dx, dy, dz, use_repulsion
+):  # fmt: skip
     """F at point p; `well` is 4 γ c, `half` is 1/2 in phi's type.
 
     W'(φ) = 4φ³ - 6φ² + 2φ = 4 (φ - φ²) (1/2 - φ).
@@ -32,8 +34,8 @@ def force(phi, psi, p, repulsion, sx, sy, c1, c2, c3, well, half, pressure, dx, 
     if dx is not None:
         total += gx * dx + gy * dy + gz * dz
     total -= well * (value - value * value) * (half - value)
-    if repulsion is not None:
-        total -= value * repulsion
+    if use_repulsion is not None:
+        total -= value * repulsion[p]
     return total
 
 
@@ -46,10 +48,9 @@ def plane_right_hand_side(
     c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
     for p in range(low, high):
-        repulsion = None if use_repulsion is None else rhs[p]
         value = phi[p]
         total = force(
-            phi, psi, p, repulsion, sx, sy, c1, c2, c3, well, half, pressure, dx, dy, dz
+            phi, psi, rhs, p, sx, sy, c1, c2, c3, well, half, pressure, dx, dy, dz, use_repulsion
         )  # fmt: skip
         if history is not None:
             memory = history[p]

@@ -2,7 +2,7 @@
 
 A frame has HALO more points at each end of each axis, so that stencils need no care at the faces
 and one plane of the band is one long run: rows y0 … y1 with the halos between them. What a run
-computes in those halos is dropped. Frames are flat; point (x, y, z) of the box lies at
+computes in those halos is dropped. Rows are rounded up to whole vectors. Frames are flat; point (x, y, z) of the box lies at
 `frame_index`, its neighbours `stride_x`, `stride_y` and 1 further on.
 """
 
@@ -15,9 +15,22 @@ HALO = 3
 
 
 @inline_kernel()
+def row_length(nz):
+    """Points of a frame's row: a multiple of 8, so that whole vectors fill it."""
+    return (nz + 2 * HALO + 7) & ~7
+
+
+def frame_shapes(shape):
+    """(N, 3) shapes of the frames of boxes of these shapes (N, 3); not a kernel."""
+    result = shape + 2 * HALO
+    result[:, 2] = row_length.py_func(shape[:, 2])
+    return result
+
+
+@inline_kernel()
 def strides(i, boxes):
     """Steps between neighbours along x and y in cell i's frame."""
-    row = boxes.shape[i, 2] + 2 * HALO
+    row = row_length(boxes.shape[i, 2])
     return (boxes.shape[i, 1] + 2 * HALO) * row, row
 
 
@@ -49,7 +62,7 @@ def run(x, i, boxes, whole, sx, sy):
     if y0 >= y1:
         return np.uint64(1), np.uint64(0)
     low = frame_index(x, y0, 0, sx, sy)
-    return np.uint64(low), np.uint64(low + (y1 - y0) * sy - 2 * HALO)
+    return np.uint64(low), np.uint64(low + (y1 - y0 - 1) * sy + boxes.shape[i, 2])
 
 
 @inline_kernel()
@@ -66,19 +79,64 @@ def clear_row(target, goal, count):
         target[goal + k] = 0
 
 
+@inline_kernel()
+def reach(x, i, boxes, whole):
+    """Rows [y0, y1) of plane x that stencils on the band read; x and y count from the box."""
+    if whole:
+        return -HALO, boxes.shape[i, 1] + HALO
+    low, high = boxes.shape[i, 1], np.int64(0)
+    for plane in range(max(x - HALO, 0), min(x + HALO + 1, boxes.shape[i, 0])):
+        y0, y1 = band_rows(plane, i, boxes, whole)
+        if y0 < y1:
+            low, high = min(low, y0), max(high, y1)
+    if low >= high:
+        return np.int64(0), np.int64(0)
+    return low - HALO, high + HALO
+
+
+@kernel()
+def clear(i, boxes, whole, frame):
+    """Set cell i's frame to 0 wherever stencils on the band read."""
+    sx, sy = strides(i, boxes)
+    for x in range(-HALO, boxes.shape[i, 0] + HALO):
+        low, high = reach(x, i, boxes, whole)
+        clear_row(frame, np.uint64(frame_index(x, low, -HALO, sx, sy)), (high - low) * sy)
+
+
 @kernel()
 def load(i, pool, boxes, whole, frame):
-    """Fill cell i's frame from its box in a pool; 0 in the halo and outside of the band."""
+    """Fill the band of cell i's frame from its box in a pool, and the halos between with 0."""
     sx, sy = strides(i, boxes)
     ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
-    frame[: frame_size(i, boxes)] = 0
     for x in range(boxes.shape[i, 0]):
         y0, y1 = band_rows(x, i, boxes, whole)
         for y in range(y0, y1):
-            copy_row(
-                pool, np.uint64(boxes.start[i] + (x * ny + y) * nz),
-                frame, np.uint64(frame_index(x, y, 0, sx, sy)), nz,
-            )  # fmt: skip
+            goal = np.uint64(frame_index(x, y, 0, sx, sy))
+            copy_row(pool, np.uint64(boxes.start[i] + (x * ny + y) * nz), frame, goal, nz)
+            clear_row(frame, goal + np.uint64(nz), sy - nz)
+
+
+@inline_kernel()
+def mirrored(k, n):
+    """Index in 0 … n - 1 of which k is the mirror image beyond the faces at -1/2 and n - 1/2."""
+    if k < 0:
+        return -1 - k
+    return k if k < n else 2 * n - 1 - k
+
+
+@kernel()
+def load_mirrored(i, pool, boxes, frame):
+    """Fill cell i's whole frame from its box, continued beyond the faces as cosine series are."""
+    sx, sy = strides(i, boxes)
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    for x in range(-HALO, nx + HALO):
+        for y in range(-HALO, ny + HALO):
+            source = boxes.start[i] + (mirrored(x, nx) * ny + mirrored(y, ny)) * nz
+            goal = np.uint64(frame_index(x, y, 0, sx, sy))
+            copy_row(pool, np.uint64(source), frame, goal, nz)
+            for k in range(1, HALO + 1):
+                frame[goal - np.uint64(k)] = pool[source + k - 1]
+                frame[goal + np.uint64(nz + k - 1)] = pool[source + nz - k]
 
 
 @kernel()

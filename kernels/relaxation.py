@@ -13,23 +13,13 @@ from morphosim.kernels.stencils import weighted_neighbours
 
 
 @kernel()
-def plane_sweep(low, high, source, target, rhs, sx, sy, own, l1, l2, l3, weight):
-    """`sweep` along one run of the frames; `own` is 1 - ω (lhs - 3 γ l0), l1 … l3 hold ω γ."""
+def plane_sweep(low, high, source, target, rhs, sx, sy, own, diffusion, weight, stencil):
+    """`sweep` along one run of the frames; `own` is 1 - ω (lhs - 3 γ l0), `diffusion` is ω γ."""
+    l1, l2, l3 = stencil.l1, stencil.l2, stencil.l3
     sz = np.uint64(1)
     for p in range(low, high):
-        target[p] = (
-            weight * rhs[p]
-            + own * source[p]
-            + weighted_neighbours(source, p, sx, sy, sz, l1, l2, l3)
-        )  # fmt: skip
-
-
-@kernel()
-def scaled(factor, weight):
-    """Product, or None."""
-    if weight is None:
-        return None
-    return factor * weight
+        around = weighted_neighbours(source, p, sx, sy, sz, l1, l2, l3)
+        target[p] = weight * rhs[p] + own * source[p] + diffusion * around
 
 
 @kernel()
@@ -44,13 +34,11 @@ def sweep(i, boxes, source, target, rhs, stencil, lhs, gamma, weight, one):
     lhs, gamma, weight, one : scalars in the type of the fields: lhs, γ, ω, 1
     """
     sx, sy = strides(i, boxes)
-    factor = weight * gamma
-    own = one - weight * lhs + (factor + factor + factor) * stencil.l0
-    l1, l2, l3 = (
-        scaled(factor, stencil.l1), scaled(factor, stencil.l2), scaled(factor, stencil.l3)
-    )  # fmt: skip
+    diffusion = weight * gamma
+    own = one - weight * lhs + (diffusion + diffusion + diffusion) * stencil.l0
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, False, sx, sy)
         plane_sweep(
-            low, high, source, target, rhs, np.uint64(sx), np.uint64(sy), own, l1, l2, l3, weight
-        )
+            low, high, source, target, rhs, np.uint64(sx), np.uint64(sy), own, diffusion, weight,
+            stencil,
+        )  # fmt: skip

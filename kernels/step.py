@@ -16,11 +16,12 @@ from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import (
     band_rows,
+    clear,
     clear_row,
     copy_row,
     frame_index,
-    frame_size,
     load,
+    load_mirrored,
     strides,
     unload,
 )
@@ -39,13 +40,17 @@ def prepare(
     frames, stencil, scheme, half, use_repulsion, use_psi, use_start,
 ):  # fmt: skip
     """Fill cell i's frames: field, what acts on it, right-hand side, next history and start."""
-    load(i, phi, boxes, whole, frames[PHI])
+    if whole:
+        load_mirrored(i, phi, boxes, frames[PHI])
+    else:
+        clear(i, boxes, whole, frames[PHI])
+        load(i, phi, boxes, whole, frames[PHI])
     memory = choose(frames[HISTORY], history)
     if history is not None:
         load(i, history, boxes, whole, memory)
     start = choose(frames[START], use_start)
     if use_start is not None:
-        start[: frame_size(i, boxes)] = 0
+        clear(i, boxes, whole, start)
     if use_repulsion is None:
         right_hand_side(
             i, boxes, whole, terms, terms.drift, frames[PHI], None, frames[RHS], memory, start,

@@ -1,6 +1,6 @@
 """Moving boxes: where each cell's subgrid lies, and the pools that hold the fields."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,16 @@ class Slots:
 def even(shape: Integers) -> Integers:
     """Box shape rounded up to even numbers, which keeps the number of sizes small."""
     return np.asarray(np.maximum(shape + shape % 2, 8))
+
+
+def morton_order(origin: Integers) -> Integers:
+    """Order of boxes along a curve that keeps near ones together (Z-order, cells of 8 points)."""
+    place = (origin - origin.min(axis=0)) >> 3
+    key = np.zeros(len(origin), np.int64)
+    for bit in range(20):
+        for axis in range(3):
+            key |= ((place[:, axis] >> bit) & 1) << (3 * bit + 2 - axis)
+    return np.argsort(key, kind="stable")
 
 
 class BoxPool:
@@ -106,7 +116,7 @@ class BoxPool:
         size = int(self.shape[i].prod())
         return values[self.start[i] : self.start[i] + size].reshape(self.shape[i])
 
-    def add(self, fields: Sequence[tuple[Integers, Real]]) -> None:
+    def add(self, fields: Iterable[tuple[Integers, Real]]) -> None:
         """Append cells given by lattice origin and field; their boxes are laid around the band."""
         laid = [self._trim(origin, phi) for origin, phi in fields]
         first = len(self)

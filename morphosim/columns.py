@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from morphosim.kernels.columns import ROWS, SHIFT, WIDTH
-from morphosim.kernels.frames import HALO
+from morphosim.kernels.frames import HALO, frame_shapes
 from morphosim.kernels.layout import ColumnLists, Columns
 from morphosim.walls import Repulsion
 
@@ -105,7 +105,7 @@ class ColumnCover:
     def update(self, origin: Integers, shape: Integers) -> None:
         """Make `columns` and `lists` fit the boxes."""
         low = origin - HALO
-        first, end = low >> SHIFTS, (low + shape + 2 * HALO - 1 >> SHIFTS) + 1
+        first, end = low >> SHIFTS, (low + frame_shapes(shape) - 1 >> SHIFTS) + 1
         same_tiles = np.array_equal(first, self._first) and np.array_equal(end, self._end)
         if same_tiles and np.array_equal(low[:, 2], self._low):
             return

@@ -1,7 +1,7 @@
 """The engine: the state of all cells and the step that advances it."""
 
 import heapq
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
@@ -13,14 +13,14 @@ from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from morphosim.boxes import BoxPool
+from morphosim.boxes import BoxPool, morton_order
 from morphosim.columns import Background, ColumnCover
 from morphosim.confinement import Confinement
 from morphosim.interactions import Interactions
 from morphosim.kernels import step as kernels
 from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE, N_SURVEYED, TOTAL
 from morphosim.kernels.columns import accumulate
-from morphosim.kernels.frames import HALO
+from morphosim.kernels.frames import frame_shapes
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.noise import normal_vectors
@@ -41,6 +41,9 @@ RUNAWAY = 4.0
 """|φ| beyond this counts as divergence; sound fields stay between about -0.2 and 1.5."""
 SHRINK_INTERVAL = 32
 """Steps between two looks for boxes that have become too large."""
+MANY = 32
+"""From so many cells per thread on, each thread takes a region of space: what neighbours share
+stays in its cache. With fewer, balance counts more."""
 DTYPES = {"single": np.float32, "double": np.float64}
 
 
@@ -77,7 +80,7 @@ class Engine:
         types: Sequence[str],
         gamma: NDArray[np.float64],
         frozen: NDArray[np.bool_],
-        fields: Sequence[tuple[NDArray[np.int64], NDArray[np.floating]]],
+        fields: Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]],
     ) -> None:
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
         self.dtype = np.dtype(DTYPES[numerics.precision])
@@ -214,23 +217,25 @@ class Engine:
             self._cover.update(self.pool.origin, self.pool.shape)
 
     def _share_out(self) -> None:
-        """Give each thread a list of cells of about the same work, largest cells first."""
-        shape = self.pool.shape
-        cost = shape.prod(axis=1) * (60.0 + shape.sum(axis=1))
+        """Give each thread a list of cells of about the same work."""
         stepped = np.flatnonzero(~self.frozen)
-        lists: list[list[int]] = [[] for _ in range(self.workers)]
-        loads = [(0.0, w) for w in range(self.workers)]
-        for i in stepped[np.argsort(-cost[stepped], kind="stable")].tolist():
-            load, worker = heapq.heappop(loads)
-            lists[worker].append(i)
-            heapq.heappush(loads, (load + cost[i], worker))
-        self._order = np.array([i for cells in lists for i in cells], np.int64)
+        cost = self.pool.sizes()[stepped].astype(float)
+        if not self._band_only:
+            cost *= 200.0 + self.pool.shape[stepped].sum(axis=1)  # transforms grow with the axes
+        if len(stepped) < MANY * self.workers:
+            lists = _largest_first(cost, self.workers)
+        else:
+            along = morton_order(self.pool.origin[stepped])
+            load = np.cumsum(cost[along])
+            ends = np.searchsorted(load, load[-1] * np.arange(1, self.workers) / self.workers)
+            lists = np.split(along, ends)
+        self._order = stepped[np.concatenate(lists)]
         self._bounds = np.cumsum([0] + [len(cells) for cells in lists]).astype(np.int64)
 
     def _reserve(self) -> None:
         """Work space for the largest box, and pools that only some scenes need."""
         shape = self.pool.shape
-        frames = (shape + 2 * HALO).prod(axis=1)
+        frames = frame_shapes(shape).prod(axis=1)
         size, planes = max(frames.max(), COLUMNS * shape.max()), shape[:, 0].max()
         if self._work.shape[2] < size:
             self._work = np.zeros((self.workers, kernels.N_FRAMES, size), self.dtype)
@@ -382,6 +387,17 @@ class Engine:
             cells = np.flatnonzero(touching & ~self.frozen)
         if len(cells) and len(self.pool.refit(cells)):
             self._relayout()
+
+
+def _largest_first(cost: NDArray[np.float64], workers: int) -> list[NDArray[np.int64]]:
+    """Items shared out, the largest first, each to whom has least."""
+    lists: list[list[int]] = [[] for _ in range(workers)]
+    loads = [(0.0, w) for w in range(workers)]
+    for i in np.argsort(-cost, kind="stable").tolist():
+        load, worker = heapq.heappop(loads)
+        lists[worker].append(i)
+        heapq.heappush(loads, (load + cost[i], worker))
+    return [np.array(items, np.int64) for items in lists]
 
 
 def _checked_threads(threads: int) -> int:

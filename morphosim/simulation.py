@@ -1,6 +1,6 @@
 """A simulation: a scene on its way through time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -77,16 +77,12 @@ class Simulation:
     def __post_init__(self) -> None:
         scene = self.scene
         self.cells = list(scene.cells)
-        scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
-        fields = [lattice_field(cell, scale, spacing) for cell in self.cells]
-        if scene.confinement is not None:
-            for cell, (origin, phi) in zip(self.cells, fields, strict=True):
-                _check_inside(scene, cell, origin, phi)
-        stability.check(scene)
         self.engine = Engine(
             scene.physics, scene.numerics, scene.confinement, scene.names, scene.types,
-            np.array(scene.tensions), np.array([c.frozen for c in self.cells]), fields,
+            np.array(scene.tensions), np.array([c.frozen for c in self.cells]),
+            _start_fields(scene),
         )  # fmt: skip
+        stability.check(scene)
         self._set_targets()
 
     @property
@@ -204,6 +200,16 @@ class Simulation:
             self.engine.remove(i)
             del self.cells[i]
         self._set_targets()
+
+
+def _start_fields(scene: Scene) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
+    """Origin and field of each cell, one after the other."""
+    scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
+    for cell in scene.cells:
+        origin, phi = lattice_field(cell, scale, spacing)
+        if scene.confinement is not None:
+            _check_inside(scene, cell, origin, phi)
+        yield origin, phi
 
 
 def _check_inside(

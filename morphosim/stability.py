@@ -7,7 +7,7 @@ perturbation flips its sign at every step and grows unless
     S > 3/4 f - τ/δt   ("bdf2", Eq. 9)        S > 1/2 f - τ/δt   ("imex1", Eq. 8)
 
 which follows from φⁿ⁺¹ = -φⁿ in Eq. 9 and 8 with the force -f φ and no diffusion. "euler" has no S;
-its diffusion is explicit too: δt < 2τ / (f + γ k²), k² = 3 (π/h)² the largest eigenvalue of -Δ.
+its diffusion is explicit too: δt < 2τ / (f + γ k²), k² = 18.1/h² the largest eigenvalue of -Δ (order 6).
 `benchmarks/stability.py` measures how well this holds, and the limits of what has no such theory.
 """
 
@@ -16,6 +16,7 @@ import warnings
 import numpy as np
 
 from morphosim.scene import Cell, Scene
+from morphosim.schemes import largest_eigenvalue
 from morphosim.walls import wall_strength
 
 COARSEST = 1.5
@@ -145,7 +146,7 @@ def least_S(scene: Scene) -> float:
 
 def largest_euler_step(scene: Scene) -> float:
     """Largest δt of explicit Euler that is expected to be stable."""
-    k2 = 3 * (np.pi / scene.numerics.spacing) ** 2
+    k2 = largest_eigenvalue(scene.numerics.order, scene.numerics.spacing)
     return float(2 * scene.physics.tau / (explicit_rate(scene) + max(_tensions(scene)) * k2))
 
 

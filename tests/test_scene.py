@@ -387,9 +387,10 @@ def test_the_most_specific_attraction_holds() -> None:
 
 def test_presets_are_numerics_with_changes() -> None:
     assert Numerics.preset("standard") == Numerics()
+    assert Numerics.preset("fast") == Numerics(solver="band")
     assert Numerics.preset("published", threads=1) == Numerics(S=12.0, walls="stepped", threads=1)
-    with pytest.raises(ValueError, match=r"preset = 'fast' is not known; .*'draft'"):
-        Numerics.preset("fast")
+    with pytest.raises(ValueError, match=r"preset = 'quick' is not known; .*'draft'"):
+        Numerics.preset("quick")
 
 
 def test_a_preset_replaces_the_numerics_of_a_file(tmp_path: Path) -> None:

@@ -2,41 +2,95 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from morphosim.kernels.boxes import extents, move_box, survey
+from morphosim.kernels.boxes import (
+    BAD,
+    EDGE,
+    FACE,
+    N_SURVEYED,
+    clear_outside,
+    extents,
+    move_box,
+    survey,
+    widen,
+)
+from morphosim.kernels.layout import Limits
 
-from .example_boxes import both_ways, box, make_boxes, taken
+from .example_boxes import both_ways, box, expected_band, make_boxes, taken
 
-TOLERANCE, LIMIT = 0.2, 1.5
+TOLERANCE, RUNAWAY = np.float64(0.2), np.float64(1.5)
+LIMITS = Limits(TOLERANCE, RUNAWAY, np.float64(0.5))
+PAD = 2
+"""The fields lie within larger arrays of NaN, as in a frame."""
 
 
-def surveyed(way: str, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums and row spans of one box that lies inside a pool of NaN."""
-    values = np.full(field.size + 14, np.nan)
-    values[7:-7] = field.ravel()
-    rows = field.shape[0] * field.shape[1]
-    spans, out = np.full((rows + 6, 2), -1, np.int32), np.zeros(5)
+def surveyed(
+    way: str, field: NDArray, rows: NDArray | None = None
+) -> tuple[NDArray[np.float64], NDArray]:
+    """What the survey finds, and rows of each plane; of the given rows only, if any."""
+    nx, ny, nz = field.shape
+    wide = np.full((nx + 2 * PAD, ny + 2 * PAD, nz + 2 * PAD), np.nan)
+    inner = wide[PAD:-PAD, PAD:-PAD, PAD:-PAD]
+    inner[:] = field
+    if rows is not None:
+        inner[~within(rows, ny)] = np.nan
+    found, out = np.full((nx + 2, 2), -1, np.int32), np.full(N_SURVEYED, 1e30)
+    sx, sy, _ = (s // 8 for s in wide.strides)
+    look = np.full((nx, 2), -99, np.int32) if rows is None else rows.astype(np.int32)
     taken(survey, way)(
-        values, np.int64(7), *np.array(field.shape), np.float64(TOLERANCE), np.float64(LIMIT),
-        np.float64(0.5), spans, np.int64(3), out,
+        wide.ravel(), np.int64(PAD * (sx + sy + 1)), sx, sy, nx, ny, nz, look, rows is None,
+        LIMITS, found, out,
     )  # fmt: skip
-    assert (spans[:3] == -1).all()
-    assert (spans[-3:] == -1).all()
-    return out, spans[3:-3]
+    assert (found[-2:] == -1).all()
+    return out, found[:-2]
+
+
+def within(rows: NDArray, ny: int) -> NDArray[np.bool_]:
+    """Mask (x, y) of these rows of each plane."""
+    y = np.arange(ny)
+    return (y >= rows[:, :1]) & (y < rows[:, 1:])
+
+
+def faces(shape: tuple) -> NDArray[np.bool_]:
+    mask = np.ones(shape, bool)
+    mask[1:-1, 1:-1, 1:-1] = False
+    return mask
 
 
 @both_ways
 def test_survey_sums_and_counts(way: str) -> None:
     field = np.random.default_rng(2).normal(0, 0.5, (5, 6, 7))
     out, _ = surveyed(way, field)
-    faces = np.abs(field)
-    faces[1:-1, 1:-1, 1:-1] = 0
     size = np.abs(field)
+    peak = size[faces(field.shape)].max()
     expected = [
-        field.sum(), (size > TOLERANCE).sum(), (field > 0.5).sum(), (size > LIMIT).sum(),
-        faces.max(),
+        field.sum(), (size > TOLERANCE).sum(), (field > 0.5).sum(), (size > RUNAWAY).sum(),
+        peak, peak,
     ]  # fmt: skip
     np.testing.assert_allclose(out, expected, rtol=1e-13)
+
+
+@both_ways
+def test_survey_of_a_band_takes_the_rest_as_zero(way: str) -> None:
+    rows = np.array([[6, 0], [1, 3], [2, 6], [0, 6], [3, 4]])
+    field = np.random.default_rng(2).normal(0, 0.5, (5, 6, 7)) * within(rows, 6)[..., None]
+    out, found = surveyed(way, field, rows)
+    whole, found_whole = surveyed(way, field)
+    np.testing.assert_allclose(out[:EDGE], whole[:EDGE], rtol=1e-13)
+    np.testing.assert_array_equal(found, found_whole)
+
+
+@both_ways
+@pytest.mark.parametrize(("row", "edge"), [((2, 2), True), ((2, 4), True), ((2, 3), False)])
+def test_survey_sees_the_edge_of_the_rows(row: tuple, edge: bool, way: str) -> None:
+    rows = np.array([[6, 0], [2, 5], [2, 5], [2, 5], [6, 0]])
+    field = np.zeros((5, 6, 7))
+    field[2, 3, 3] = 1.0
+    field[(*row, 4)] = -0.3
+    out, _ = surveyed(way, field, rows)
+    assert out[EDGE] == (0.3 if edge else 0)
+    assert out[FACE] == 0
 
 
 @both_ways
@@ -47,18 +101,20 @@ def test_survey_sees_each_face(face: int, way: str) -> None:
     point[face // 2] = 0 if face % 2 == 0 else field.shape[face // 2] - 1
     field[2, 3, 3] = 1.0
     field[tuple(point)] = -0.3
-    assert surveyed(way, field)[0][4] == 0.3
+    out, _ = surveyed(way, field)
+    assert out[FACE] == 0.3
+    assert out[EDGE] == 0.3
 
 
 @both_ways
-def test_survey_finds_the_band_of_each_row(way: str) -> None:
-    field = np.zeros((2, 2, 8))
-    field[0, 0, 3:5] = 1.0, -1.0
-    field[0, 1, [1, 6]] = 0.3
-    field[1, 0, 4] = TOLERANCE  # not beyond it
-    field[1, 1, :] = 1.0
-    _, spans = surveyed(way, field)
-    np.testing.assert_array_equal(spans, [[3, 5], [1, 7], [8, 0], [0, 8]])
+def test_survey_finds_the_rows_of_each_plane(way: str) -> None:
+    field = np.zeros((4, 5, 8))
+    field[0, 2, 3:5] = 1.0, -1.0
+    field[1, [0, 3], 6] = 0.3, -0.3
+    field[2, 4, 4] = TOLERANCE  # not beyond it
+    field[3, :, 0] = 1.0
+    _, found = surveyed(way, field)
+    np.testing.assert_array_equal(found, [[2, 3], [0, 4], [5, 0], [0, 5]])
 
 
 @both_ways
@@ -66,27 +122,63 @@ def test_survey_finds_the_band_of_each_row(way: str) -> None:
 def test_survey_counts_what_diverges(value: float, way: str) -> None:
     field = np.full((3, 4, 5), 0.4)
     field[1, 2, [0, 3]] = value
-    assert surveyed(way, field)[0][3] == 2
+    assert surveyed(way, field)[0][BAD] == 2
 
 
 @both_ways
-def test_extents_bound_the_band(way: str) -> None:
+@pytest.mark.parametrize("guard", [0, 1, 2])
+def test_widen_takes_in_the_rows_and_planes_beside(guard: int, way: str) -> None:
+    rng = np.random.default_rng(16)
+    for trial in range(30):
+        nx, ny = rng.integers(1, 9, 2)
+        field = (rng.random((nx, ny, 1)) < rng.choice([0.1, 0.3])).astype(float)
+        found = np.full((nx + 1, 2), -1, np.int32)
+        found[:nx] = expected_band(field, 0.5, guard=0)
+        taken(widen, way)(found, guard, nx, ny)
+        expected = expected_band(field, 0.5, guard)
+        np.testing.assert_array_equal(found[:nx], expected, err_msg=str(trial))
+        assert (found[nx] == -1).all()
+
+
+@both_ways
+def test_widen_by_hand(way: str) -> None:
+    found = np.array([[6, 0], [6, 0], [2, 4], [6, 0], [5, 6], [0, 1]], np.int32)
+    taken(widen, way)(found, 1, 6, 6)
+    np.testing.assert_array_equal(found, [[6, 0], [2, 4], [1, 5], [2, 6], [0, 6], [0, 6]])
+
+
+@both_ways
+def test_outside_of_the_rows_a_box_is_cleared(way: str) -> None:
+    field = np.random.default_rng(17).normal(size=(4, 5, 6))
+    rows = np.array([[1, 3], [5, 0], [0, 5], [4, 5]], np.int32)
+    pool = np.concatenate([[np.nan] * 3, field.ravel(), [np.nan] * 3])
+    lost = taken(clear_outside, way)(pool, 3, rows, 4, 5, 6)
+    expected = field * within(rows, 5)[..., None]
+    np.testing.assert_array_equal(pool[3:-3].reshape(field.shape), expected)
+    assert np.isnan(pool[[0, 1, 2, -3, -2, -1]]).all()
+    assert lost == pytest.approx((field - expected).sum(), rel=1e-12)
+
+
+@both_ways
+def test_extents_bound_what_exceeds_the_tolerance(way: str) -> None:
     boxes, phi = make_boxes(seed=3)
+    phi[::3] *= -1
     cells = np.array([2, 0])
-    out = np.full((2, 3, 2), -7)
-    taken(extents, way)(cells, boxes, out)
-    for k, i in enumerate(cells):
-        band = np.argwhere(box(phi, boxes, i) != 0)
-        np.testing.assert_array_equal(out[k, :, 0], band.min(axis=0))
-        np.testing.assert_array_equal(out[k, :, 1], band.max(axis=0) + 1)
+    for tolerance in (0.0, 0.99):
+        out = np.full((2, 3, 2), -7)
+        taken(extents, way)(cells, phi, boxes, tolerance, out)
+        for k, i in enumerate(cells):
+            band = np.argwhere(np.abs(box(phi, boxes, i)) > tolerance)
+            np.testing.assert_array_equal(out[k, :, 0], band.min(axis=0))
+            np.testing.assert_array_equal(out[k, :, 1], band.max(axis=0) + 1)
+    assert (out[0] != [[0, n] for n in boxes.shape[2]]).any()
 
 
 @both_ways
-def test_extents_of_an_empty_band_are_empty(way: str) -> None:
-    boxes, _ = make_boxes(seed=3)
-    boxes.spans[:] = 20, 0
+def test_extents_of_an_empty_field_are_empty(way: str) -> None:
+    boxes, phi = make_boxes(seed=3)
     out = np.zeros((1, 3, 2), np.int64)
-    taken(extents, way)(np.array([1]), boxes, out)
+    taken(extents, way)(np.array([1]), phi, boxes, 1.0, out)
     assert (out[0, :, 0] >= out[0, :, 1]).all()
 
 

@@ -1,47 +1,93 @@
-"""Attraction of single pairs, against sums over whole boxes."""
+"""Attraction of single pairs, against sums over whole frames."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from morphosim.kernels.layout import Pairs
+from morphosim.kernels.frames import frame_size
+from morphosim.kernels.layout import Boxes, Pairs
 from morphosim.kernels.pairs import accumulate_pairs
 
-from .example_boxes import both_ways, box, empty_pool, make_boxes, seen_from, taken
+from .example_boxes import GAP, both_ways, grid, make_boxes, seen_from, taken, with_halo
 
 # Pulled cell, pulling cell, weight: one of either sign, one pair that does not overlap.
 ROWS = [(0, 1, 0.5), (0, 2, -0.2), (1, 0, 0.3), (2, 0, 0.9), (2, 1, 0.7), (3, 0, 0.4)]
 
 
-def make_pairs(n: int) -> Pairs:
+def make_pairs(boxes: Boxes) -> tuple[Pairs, NDArray[np.float64]]:
+    """The pairs, and a pool of frames with nothing sensible in it."""
+    n = len(boxes.start)
     pulled = np.array([i for i, _, _ in ROWS])
-    return Pairs(
+    frame_start, end = np.full(n, -1), GAP
+    for i in np.unique(pulled):
+        frame_start[i] = end
+        end += frame_size(i, boxes) + GAP
+    pairs = Pairs(
         start=np.searchsorted(pulled, np.arange(n + 1)).astype(np.int64),
         cell=np.array([j for _, j, _ in ROWS]),
         weight=np.array([w for _, _, w in ROWS]),
+        frame_start=frame_start,
     )
+    return pairs, np.full(end, 1e30)
+
+
+def frame(target: NDArray, pairs: Pairs, boxes: Boxes, i: int) -> NDArray:
+    first = pairs.frame_start[i]
+    return target[first : first + frame_size(i, boxes)]
 
 
 @both_ways
 def test_pairs_add_the_weighted_fields_of_their_cells(way: str) -> None:
     boxes, phi = make_boxes(seed=9)
-    n, target = len(boxes.start), empty_pool(phi)
-    order, bounds = np.array([2, 0, 3, 1]), np.array([0, 3, 4])
-    taken(accumulate_pairs, way)(bounds, order, make_pairs(n), phi, boxes, target)
+    pairs, target = make_pairs(boxes)
+    order, bounds = np.array([2, 0, 4, 3, 1]), np.array([0, 3, 5])
+    taken(accumulate_pairs, way)(bounds, order, pairs, phi, boxes, target)
     assert seen_from(boxes, phi, 1, 0).any()
-    for i in range(n):
-        expected = np.zeros(boxes.shape[i])
+    assert not seen_from(boxes, phi, 0, 3).any()
+    between = np.ones(len(target), bool)
+    for i in range(len(boxes.start)):
+        if pairs.frame_start[i] < 0:
+            continue
+        found = frame(target, pairs, boxes, i)
+        expected = np.zeros(len(found))
         for pulled, j, weight in ROWS:
             if pulled == i:
-                expected += weight * seen_from(boxes, phi, j, i)
-        np.testing.assert_allclose(box(target, boxes, i), expected, rtol=1e-13, atol=1e-15)
+                with_halo(expected, boxes, i)[:] += weight * seen_from(boxes, phi, j, i)
+        np.testing.assert_allclose(
+            grid(found, boxes, i), grid(expected, boxes, i), rtol=1e-13, atol=1e-15
+        )
+        frame(between, pairs, boxes, i)[:] = False
+    assert (target[between] == 1e30).all()
+
+
+@both_ways
+def test_the_halo_of_a_frame_sees_others_too(way: str) -> None:
+    """A cell whose box only touches the halo: it is felt through the gradient."""
+    origins = ((0, 0, 0), (0, 0, 8), (0, -9, 0), (8, 0, 0), (99, 0, 0))
+    boxes, phi = make_boxes(9, origins, ((8, 8, 8),) * 5)
+    pairs, target = make_pairs(boxes)
+    taken(accumulate_pairs, way)(np.array([0, 1]), np.array([0]), pairs, phi, boxes, target)
+    found = with_halo(frame(target, pairs, boxes, 0), boxes, 0)
+    assert found.any()
+    assert not found[3:-3, 3:-3, 3:-3].any()
+    expected = sum(w * seen_from(boxes, phi, j, 0) for i, j, w in ROWS if i == 0)
+    np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
 @both_ways
 def test_cells_that_are_not_listed_are_left_alone(way: str) -> None:
     boxes, phi = make_boxes(seed=9)
-    target = empty_pool(phi)
-    taken(accumulate_pairs, way)(
-        np.array([0, 1]), np.array([1]), make_pairs(len(boxes.start)), phi, boxes, target
-    )
+    pairs, target = make_pairs(boxes)
+    taken(accumulate_pairs, way)(np.array([0, 1]), np.array([1]), pairs, phi, boxes, target)
     for i in (0, 2, 3):
-        assert (box(target, boxes, i) == 1e30).all()
-    assert np.abs(box(target, boxes, 1)).max() < 1
+        assert (frame(target, pairs, boxes, i) == 1e30).all()
+    assert np.abs(frame(target, pairs, boxes, 1)).max() < 1
+
+
+def test_the_result_does_not_depend_on_the_lists() -> None:
+    boxes, phi = make_boxes(seed=9)
+    results = []
+    for order, bounds in (([0, 1, 2, 3, 4], [0, 5]), ([4, 2, 0, 3, 1], [0, 1, 1, 4, 5])):
+        pairs, target = make_pairs(boxes)
+        accumulate_pairs(np.array(bounds), np.array(order), pairs, phi, boxes, target)
+        results.append(target)
+    np.testing.assert_array_equal(*results)

@@ -1,9 +1,17 @@
 """Central differences: exact on polynomials up to their order, and no further."""
 
+import itertools
+
 import numpy as np
 import pytest
 
-from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS, derivative
+from morphosim.kernels.stencils import (
+    COEFFICIENTS,
+    LAPLACIAN_COEFFICIENTS,
+    around,
+    derivative,
+    weighted_neighbours,
+)
 
 from .example_boxes import both_ways, taken
 
@@ -54,3 +62,48 @@ def test_second_differences_are_exact_up_to_their_order(order: int) -> None:
         value = sum(w * (m**power + (-m) ** power) for m, w in enumerate(sides, 1))
         value += centre * (power == 0)
         assert value == pytest.approx(2.0 if power == 2 else 0.0, abs=1e-12)
+
+
+def laplacian(way: str, order: int, field: np.ndarray) -> float:
+    """Δ at one point of a box: the kernel's sum over neighbours, and the point itself."""
+    l0, *sides = (np.float64(w / H**2) for w in LAPLACIAN_COEFFICIENTS[order])
+    l1, l2, l3 = (*sides, None, None)[:3]
+    index = np.uint64(np.ravel_multi_index(POINT, SHAPE))
+    steps = (np.uint64(s) for s in strides())
+    near = taken(weighted_neighbours, way)(field.ravel(), index, *steps, l1, l2, l3)
+    return near + 3 * l0 * field[POINT]
+
+
+@both_ways
+def test_around_adds_the_six_neighbours(way: str) -> None:
+    field = np.random.default_rng(3).random(SHAPE)
+    x, y, z = POINT
+    for m in (1, 2, 3):
+        near = [field[x + a, y, z] + field[x, y + a, z] + field[x, y, z + a] for a in (-m, m)]
+        steps = (np.uint64(m * s) for s in strides())
+        index = np.uint64(np.ravel_multi_index(POINT, SHAPE))
+        assert taken(around, way)(field.ravel(), index, *steps) == pytest.approx(sum(near))
+
+
+@both_ways
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_laplacian_is_exact_up_to_its_order(order: int, way: str) -> None:
+    """On all products of powers of x, y, z up to one more than the order; not on two more."""
+    place = np.array([0.7, -0.4, 0.9])
+    points = (np.indices(SHAPE).T - POINT).T * H + place[:, None, None, None]
+    for powers in itertools.product(range(order + 2), repeat=3):
+        if sum(powers) > order + 1:
+            continue
+        field = np.prod([p**n for p, n in zip(points, powers, strict=True)], axis=0)
+        exact = 0.0
+        for axis, n in enumerate(powers):
+            if n >= 2:
+                lower = np.array(powers)
+                lower[axis] -= 2
+                exact += n * (n - 1) * np.prod(place**lower)
+        assert laplacian(way, order, field) == pytest.approx(exact, abs=1e-11)
+    beyond = order + 2
+    for axis in range(3):
+        exact = beyond * (beyond - 1) * place[axis] ** order
+        found = laplacian(way, order, points[axis] ** beyond)
+        assert found != pytest.approx(exact, abs=1e-4)

@@ -1,168 +1,485 @@
-"""One step of all cells: force, solve and survey put together, against SciPy."""
+"""One step of all cells: force, solve and survey put together, against NumPy and SciPy."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
-from morphosim.kernels.boxes import survey
+from morphosim.kernels.boxes import BAD, CORE, FACE, N_SURVEYED, TOTAL
+from morphosim.kernels.columns import accumulate
 from morphosim.kernels.forces import right_hand_side
+from morphosim.kernels.frames import frame_size
 from morphosim.kernels.helmholtz import COLUMNS
-from morphosim.kernels.layout import Boxes, CellTerms, Interaction, Limits, Scheme
-from morphosim.kernels.step import N_WORK, accept_all, prepare_all, step_explicit, step_implicit
+from morphosim.kernels.layout import Boxes, Limits, Pairs, Scheme
+from morphosim.kernels.pairs import accumulate_pairs
+from morphosim.kernels.step import (
+    N_FRAMES,
+    accept_all,
+    prepare_all,
+    step_band,
+    step_transform,
+)
+from morphosim.schemes import largest_eigenvalue, sweep_roots
 from morphosim.transforms import CosineTables
 
-from .example_boxes import both_ways, box, make_boxes, taken
-from .test_forces import H, make_stencil, make_terms
+from .example_boxes import (
+    ORIGINS,
+    SHAPES,
+    H,
+    band_of,
+    both_ways,
+    box,
+    empty_frame,
+    expected_band,
+    flat_laplacian,
+    in_band,
+    in_runs,
+    inside,
+    lay_out,
+    loaded,
+    make_boxes,
+    make_stencil,
+    mirrored,
+    positions,
+    taken,
+)
+from .example_columns import Cover, interaction
+from .test_forces import make_terms
 
-TOLERANCE, RUNAWAY = np.float64(0.15), np.float64(4.0)
-STEPPED = [3, 0, 1]
+TOLERANCE, RUNAWAY = 0.15, 4.0
+STEPPED = [3, 0, 4, 1]
 """Cell 2 is not stepped."""
+SCHEME = {"lhs": 2.0, "a0": 1.0, "a1": 0.3, "b0": -0.5, "b1": -0.2, "e0": 0.9, "e1": 0.4}
+EULER = {"lhs": 0.0, "a0": 0.0, "a1": 1.0, "b0": 0.0, "b1": 0.0, "e0": 1.0, "e1": 0.0}
 
 
 class Setting:
-    """Four cells without neighbours' terms, for two threads."""
+    """Cells, and all that a step needs; without neighbours' terms until `couple`."""
 
-    def __init__(self, lhs: float, a1: float, drift: bool) -> None:
-        self.boxes, self.phi = make_boxes(seed=13)
-        n, shape = len(self.boxes.start), self.boxes.shape
-        size = max(int(shape.prod(axis=1).max()), COLUMNS * int(shape.max()))
-        self.phi[np.isnan(self.phi)] = 7.0  # a sentinel that can be compared
-        self.terms = make_terms(n, drift)
-        self.history = np.random.default_rng(14).random(len(self.phi))
-        self.scheme = Scheme(*map(np.float64, (lhs, 1.0, a1, -0.5, -0.2)))
-        tables = CosineTables(H, "exact", 6, np.float64)
-        self.cosines = tables.require(self.boxes.shape)
-        self.limits = Limits(TOLERANCE, RUNAWAY, np.float64(0.5))
-        self.surveys = np.full((n, 5), -1.0)
-        self.bounds, self.order = np.array([0, 2, 3]), np.array(STEPPED)
-        self.work, self.force = np.full((2, N_WORK, size), np.nan), np.full((2, 20), np.nan)
+    def __init__(
+        self, boxes: Boxes, phi: NDArray, numbers: dict, *, order: int = 6, sweeps: int = 0,
+        drift: bool = False, memory: bool = True, laplacian: str = "exact",
+        tolerance: float = TOLERANCE, dtype: type = np.float64,
+    ) -> None:  # fmt: skip
+        self.boxes, self.dtype, n = boxes, dtype, len(boxes.start)
+        self.phi = np.where(np.isnan(phi), 7, phi).astype(dtype)  # a sentinel one can compare
+        self.terms = make_terms(n, drift, sweeps)
+        self.terms = self.terms._replace(
+            **{k: v.astype(dtype) for k, v in self.terms._asdict().items() if v is not None}
+        )
+        self.history = np.full_like(self.phi, 9) if memory else None
+        if self.history is not None:
+            rng = np.random.default_rng(14)
+            for i in range(n):
+                rows = in_band(boxes, i)[..., None]
+                box(self.history, boxes, i)[:] = rows * rng.uniform(-0.5, 1, boxes.shape[i])
+        self.scheme = Scheme(**{key: dtype(value) for key, value in numbers.items()})
+        self.fd_order, self.stencil = order, make_stencil(order, dtype)
+        self.cosines = CosineTables(H, laplacian, order, dtype).require(boxes.shape)
+        self.limits = Limits(*map(dtype, (tolerance, RUNAWAY, 0.5)))
+        self.surveys, self.lost = np.full((n, N_SURVEYED), -1.0), np.full(n, 0.25)
+        self.order, self.bounds = np.array(STEPPED), np.array([0, 2, len(STEPPED)])
+        self.coupling: tuple = (interaction(), None, None, None)
+        self.uses: tuple = (None, None)
 
-    def common(self) -> tuple:
-        """Arguments that all kernels share, from the boxes to the scheme."""
-        no_others = Interaction(np.float64(0), np.zeros(4, np.int64), np.zeros((1, 1)))
+    def couple(self, cover: Cover, *, attracts: bool = True, pairs: Pairs | None = None) -> None:
+        """Repulsion, and attraction by type and by pairs, by the present fields."""
+        columns = cover.columns(background=False, n_types=3 if attracts else 0)
+        accumulate(cover.lists(), self.phi, self.boxes, interaction(), columns)
+        pool = None
+        if pairs is not None:
+            sizes = [frame_size(i, self.boxes) for i in range(len(self.boxes.start))]
+            pairs.frame_start[:] = np.cumsum([0, *sizes[:-1]])
+            pool = np.full(sum(sizes), np.nan)
+            accumulate_pairs(self.bounds, self.order, pairs, self.phi, self.boxes, pool)
+        self.coupling = interaction(), columns, None if pairs is None else pairs.frame_start, pool
+        self.uses = True, True if attracts or pairs is not None else None
+
+    def acting(self) -> tuple:
         return (
-            self.boxes, self.terms, no_others, None, None, self.work, self.force,
-            make_stencil(6), self.scheme,
+            self.bounds, self.order, self.phi, self.history, self.boxes, self.terms,
+            *self.coupling,
         )  # fmt: skip
 
-    def rest(self) -> tuple:
-        return self.cosines, self.limits, self.surveys, None, None
-
-    def copy_for_reference(self) -> tuple[Boxes, NDArray, NDArray]:
+    def space(self) -> tuple:
+        """Work space with nothing sensible in it, as large as it must be and no larger."""
+        shape, lists = self.boxes.shape, len(self.bounds) - 1
+        sizes = [frame_size(i, self.boxes) for i in self.order]
+        size = max(*sizes, COLUMNS * int(shape.max()))
         return (
-            self.boxes._replace(spans=self.boxes.spans.copy()),
-            self.phi.copy(),
-            self.history.copy(),
+            np.full((lists, N_FRAMES, size), np.nan, self.dtype),
+            np.full((lists, shape[:, 0].max(), 2), -5, np.int32),
+            np.full((lists, N_SURVEYED), np.nan),
+        )  # fmt: skip
+
+    def band_step(self, way: str = "compiled") -> None:
+        taken(step_band, way)(
+            *self.acting(), *self.space(), self.stencil, self.scheme, self.limits, self.surveys,
+            self.lost, *self.uses,
+        )  # fmt: skip
+
+    def transform_step(self, way: str = "compiled") -> None:
+        taken(step_transform, way)(
+            *self.acting(), *self.space(), self.stencil, self.scheme, self.cosines, self.limits,
+            self.surveys, *self.uses,
+        )  # fmt: skip
+
+    def outside_step(self, way: str = "compiled") -> None:
+        """With a transform outside of Numba."""
+        rhs = np.zeros_like(self.phi)
+        work, found, measured = self.space()
+        taken(prepare_all, way)(
+            *self.acting(), work, self.stencil, self.scheme, self.limits.half, rhs, *self.uses
         )
+        for i in self.order:
+            box(rhs, self.boxes, i)[:] = solved(self, i, box(rhs, self.boxes, i))
+        taken(accept_all, way)(
+            self.bounds, self.order, self.phi, rhs, self.boxes, self.limits, found, measured,
+            self.surveys,
+        )  # fmt: skip
+
+    def state(self) -> dict[str, Any]:
+        """Copy of all that a step changes."""
+        return {
+            "phi": self.phi.copy(),
+            "history": None if self.history is None else self.history.copy(),
+            "band": self.boxes.band.copy(),
+            "surveys": self.surveys.copy(),
+            "lost": self.lost.copy(),
+        }
 
 
-def rhs_of(setting: Setting, i: int, state: tuple, history: NDArray | None) -> NDArray:
-    """Right-hand side of cell i by the kernel that has tests of its own."""
-    boxes, phi, _ = state
-    rhs = np.zeros(boxes.shape[i].prod())
-    terms: CellTerms = setting.terms
+def random_setting(numbers: dict, **options: Any) -> Setting:
+    """Random fields whose outermost rows are faint, so that they leave the band."""
+    boxes, phi = make_boxes(seed=13)
+    for i in range(len(boxes.start)):
+        for plane, (y0, y1) in zip(box(phi, boxes, i), band_of(boxes, i), strict=True):
+            for y in range(y0, min(y0 + 4, y1)):
+                plane[y] *= 1e-3
+    return Setting(boxes, phi, numbers, **options)
+
+
+def prepared(setting: Setting, i: int, whole: bool) -> tuple[NDArray, NDArray, NDArray | None]:
+    """Right-hand side, start and next history of cell i, by a kernel with tests of its own."""
+    boxes = setting.boxes
+    phi = mirrored(boxes, i, setting.phi) if whole else loaded(boxes, i, setting.phi)
+    history = None if setting.history is None else loaded(boxes, i, setting.history, whole)
+    rhs, start = empty_frame(boxes, i), empty_frame(boxes, i)
     right_hand_side(
-        i, phi, history, boxes, terms, terms.drift, None, None, np.zeros(20), rhs,
-        make_stencil(6), setting.scheme, np.float64(0.5),
+        i, boxes, whole, setting.terms, setting.terms.drift, phi, None, rhs, history, start,
+        setting.stencil, setting.scheme, setting.limits.half, None,
     )  # fmt: skip
-    return rhs.reshape(boxes.shape[i])
+    return rhs, start, history
+
+
+def measured(field: NDArray, tolerance: float) -> list[float]:
+    """What a survey finds, up to the edge."""
+    size = np.abs(field)
+    faces = size.copy()
+    faces[1:-1, 1:-1, 1:-1] = 0
+    bad = (~(size <= RUNAWAY)).sum()
+    return [field.sum(), (size > tolerance).sum(), (field > 0.5).sum(), bad, faces.max()]
+
+
+def check(
+    setting: Setting, before: dict, fields: dict[int, NDArray], histories: dict[int, NDArray | None]
+) -> None:
+    """The stepped cells are as expected, and all else as it was."""
+    boxes = setting.boxes
+    for i, field in fields.items():
+        np.testing.assert_allclose(box(setting.phi, boxes, i), field, rtol=1e-11, atol=1e-12)
+        box(before["phi"], boxes, i)[:] = box(setting.phi, boxes, i)
+        if setting.history is not None:
+            found = box(setting.history, boxes, i)
+            np.testing.assert_allclose(found, histories[i], rtol=1e-11, atol=1e-12)
+            box(before["history"], boxes, i)[:] = found
+        rows = slice(boxes.plane_start[i], boxes.plane_start[i] + boxes.shape[i, 0])
+        before["band"][rows] = expected_band(field, TOLERANCE)
+    np.testing.assert_array_equal(setting.phi, before["phi"])
+    np.testing.assert_array_equal(boxes.band, before["band"])
+    if setting.history is not None:
+        np.testing.assert_array_equal(setting.history, before["history"])
+    assert (setting.surveys[2] == -1).all()
+    assert setting.lost[2] == 0.25
 
 
 def symbol(shape: NDArray) -> NDArray:
     k = [np.pi * np.arange(n) / (n * H) for n in shape]
-    return sum(a**2 for a in np.meshgrid(*k, indexing="ij", sparse=True))
+    return np.asarray(sum(a**2 for a in np.meshgrid(*k, indexing="ij", sparse=True)))
 
 
-def check_state(setting: Setting, expected: dict[int, NDArray], before: tuple) -> None:
-    """Fields and surveys of the stepped cells are as expected; all else is as it was."""
-    boxes, phi, _ = before
-    for i, field in expected.items():
-        np.testing.assert_allclose(box(setting.phi, boxes, i), field, rtol=1e-11, atol=1e-12)
-        box(phi, boxes, i)[:] = box(setting.phi, boxes, i)
-        out, spans = np.zeros(5), boxes.spans
-        survey(
-            phi, boxes.start[i], *boxes.shape[i], TOLERANCE, RUNAWAY, np.float64(0.5), spans,
-            boxes.row_start[i], out,
-        )  # fmt: skip
-        np.testing.assert_allclose(setting.surveys[i], out, rtol=1e-12)
-    np.testing.assert_array_equal(setting.phi, phi)
-    np.testing.assert_array_equal(setting.boxes.spans, boxes.spans)
-    assert (setting.surveys[2] == -1).all()
+def solved(setting: Setting, i: int, rhs: NDArray) -> NDArray:
+    """(lhs - γΔ)⁻¹ of a right-hand side."""
+    factor = setting.scheme.lhs + setting.terms.gamma[i] * symbol(rhs.shape)
+    return np.asarray(idctn(dctn(rhs) / factor))
 
 
-def implicit(setting: Setting, before: tuple) -> dict[int, NDArray]:
-    """(lhs - γΔ)⁻¹ of the right-hand sides."""
-    result = {}
+@both_ways
+@pytest.mark.parametrize("step", [Setting.transform_step, Setting.outside_step])
+def test_step_by_transforms(step: Callable, way: str) -> None:
+    setting = random_setting(SCHEME)
+    before, fields, histories = setting.state(), {}, {}
     for i in STEPPED:
-        rhs = rhs_of(setting, i, before, before[2])
-        factor = setting.scheme.lhs + setting.terms.gamma[i] * symbol(rhs.shape)
-        result[i] = idctn(dctn(rhs) / factor)
-    return result
+        rhs, _, history = prepared(setting, i, True)
+        fields[i] = solved(setting, i, inside(rhs, setting.boxes, i))
+        histories[i] = inside(history, setting.boxes, i)
+    step(setting, way)
+    for i, field in fields.items():
+        np.testing.assert_allclose(setting.surveys[i, : FACE + 1], measured(field, TOLERANCE))
+    check(setting, before, fields, histories)
+
+
+BAND_STEPS = {
+    "with memory": (SCHEME, {"sweeps": 4}),
+    "odd number of sweeps": (SCHEME, {"sweeps": 3, "order": 4}),
+    "without memory": (SCHEME, {"sweeps": 5, "memory": False, "order": 2}),
+    "explicit": (EULER, {"sweeps": 1, "memory": False, "drift": True}),
+}
 
 
 @both_ways
-def test_implicit_step(way: str) -> None:
-    setting = Setting(lhs=2.0, a1=0.3, drift=False)
-    before = setting.copy_for_reference()
-    taken(step_implicit, way)(
-        setting.bounds, setting.order, setting.phi, setting.history, *setting.common(),
-        *setting.rest(),
-    )  # fmt: skip
-    check_state(setting, implicit(setting, before), before)
-    np.testing.assert_allclose(setting.history, before[2])
-
-
-@both_ways
-def test_explicit_step(way: str) -> None:
-    setting = Setting(lhs=0.0, a1=0.02, drift=True)
-    before = setting.copy_for_reference()
-    taken(step_explicit, way)(
-        setting.bounds, setting.order, setting.phi, *setting.common(), *setting.rest()
-    )
-    expected = {}
+@pytest.mark.parametrize("name", BAND_STEPS)
+def test_step_on_the_band(name: str, way: str) -> None:
+    """Sweep by sweep; rows that leave the band are counted."""
+    numbers, options = BAND_STEPS[name]
+    setting = random_setting(numbers, **options)
+    boxes, scheme = setting.boxes, setting.scheme
+    before, fields, histories = setting.state(), {}, {}
+    dropped, found = {}, {}
     for i in STEPPED:
-        phi = box(before[1], before[0], i)
-        diffusion = idctn(-setting.terms.gamma[i] * symbol(phi.shape) * dctn(phi))
-        expected[i] = rhs_of(setting, i, before, None) + setting.scheme.a1 * diffusion
-    check_state(setting, expected, before)
+        rhs, u, history = prepared(setting, i, False)
+        runs, gamma = in_runs(boxes, i), setting.terms.gamma[i]
+        u = np.where(runs, u, 0)
+        for weight in setting.terms.sweeps[i]:
+            change = rhs - scheme.lhs * u + gamma * flat_laplacian(u, boxes, i, setting.fd_order)
+            u = np.where(runs, u + weight * change, 0)
+        field = np.where(in_band(boxes, i)[..., None], inside(u, boxes, i), 0)
+        y, rows = np.arange(boxes.shape[i, 1]), expected_band(field, TOLERANCE)
+        kept = ((y >= rows[:, :1]) & (y < rows[:, 1:]))[..., None]
+        fields[i], dropped[i] = np.where(kept, field, 0), np.where(kept, 0, field).sum()
+        found[i] = [fields[i].sum(), *measured(field, TOLERANCE)[1:]]
+        if history is not None:
+            on_band = kept & in_band(boxes, i)[..., None]
+            histories[i] = np.where(on_band, inside(history, boxes, i), 0)
+    setting.band_step(way)
+    assert min(map(abs, dropped.values())) == 0 or max(map(abs, dropped.values())) > 1e-4
+    assert max(map(abs, dropped.values())) > 1e-4, "no row left a band"
+    for i in STEPPED:
+        np.testing.assert_allclose(setting.lost[i], 0.25 + dropped[i], rtol=1e-12)
+        np.testing.assert_allclose(setting.surveys[i, : FACE + 1], found[i], rtol=1e-12, atol=1e-13)
+    check(setting, before, fields, histories)
 
 
 @both_ways
-def test_step_with_a_transform_from_outside(way: str) -> None:
-    setting = Setting(lhs=2.0, a1=0.3, drift=False)
-    before = setting.copy_for_reference()
-    rhs = np.zeros(len(setting.phi))
-    taken(prepare_all, way)(
-        setting.bounds, setting.order, setting.phi, setting.history, *setting.common(),
-        np.float64(0.5), rhs, None, None,
-    )  # fmt: skip
-    expected = implicit(setting, before)
-    for i, field in expected.items():
-        box(rhs, setting.boxes, i)[:] = field
-    taken(accept_all, way)(
-        setting.bounds, setting.order, setting.phi, rhs, setting.boxes, setting.limits,
-        setting.surveys,
-    )  # fmt: skip
-    check_state(setting, expected, before)
-    np.testing.assert_allclose(setting.history, before[2])
+def test_the_band_grows_where_the_field_reaches_its_edge(way: str) -> None:
+    """By a row on each side, and by a plane; what is there is 0."""
+    boxes, phi = lay_out([(0, 0, 0)] * 5, [(8, 10, 12)] * 5)
+    for i in range(5):
+        band_of(boxes, i)[3:5] = 4, 6
+        box(phi, boxes, i)[3:5, 4:6, 5:7] = 1
+    setting = Setting(boxes, phi, SCHEME, sweeps=2)
+    setting.band_step(way)
+    for i in STEPPED:
+        expected = [[10, 0], [10, 0], [4, 6], [3, 7], [3, 7], [4, 6], [10, 0], [10, 0]]
+        np.testing.assert_array_equal(band_of(boxes, i), expected)
+        field = box(setting.phi, boxes, i)
+        assert not field[2].any()
+        assert not field[3, 3].any()
+        assert field[3, 4].any()
+    assert (setting.lost == 0.25).all()
+    before = setting.state()
+    setting.band_step(way)
+    assert box(setting.phi, boxes, 0)[3, 3].any()
+    assert not np.array_equal(setting.phi, before["phi"])
 
 
 @both_ways
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e6])
-def test_a_cell_that_diverges_keeps_its_field(value: float, way: str) -> None:
-    setting = Setting(lhs=2.0, a1=0.3, drift=False)
+def test_a_cell_that_diverges_keeps_field_and_history(value: float, way: str) -> None:
+    setting = random_setting(SCHEME, sweeps=4)
+    x, y = np.argwhere(in_band(setting.boxes, 0))[-1]
+    box(setting.history, setting.boxes, 0)[x, y, 6] = value
+    setting.surveys[0] = np.arange(N_SURVEYED) + 20.0
+    setting.surveys[0, BAD] = 0
+    before = setting.state()
+    setting.band_step(way)
+    for key in ("phi", "history"):
+        now = box(getattr(setting, key), setting.boxes, 0)
+        np.testing.assert_array_equal(now, box(before[key], setting.boxes, 0))
+    rows = slice(setting.boxes.plane_start[0], setting.boxes.plane_start[1])
+    np.testing.assert_array_equal(setting.boxes.band[rows], before["band"][rows])
+    assert setting.surveys[0, BAD] > 0
+    before["surveys"][0, BAD] = setting.surveys[0, BAD]
+    np.testing.assert_array_equal(setting.surveys[0], before["surveys"][0])
+    assert setting.lost[0] == 0.25
+    assert setting.surveys[1, BAD] == 0
+    change = box(setting.phi, setting.boxes, 1) - box(before["phi"], setting.boxes, 1)
+    assert np.abs(change).max() > 0.01
+
+
+@both_ways
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e6])
+@pytest.mark.parametrize("step", [Setting.transform_step, Setting.outside_step])
+def test_a_cell_that_diverges_keeps_its_field(step: Callable, value: float, way: str) -> None:
+    setting = random_setting(SCHEME)
     box(setting.history, setting.boxes, 0)[4, 5, 6] = value
-    kept: Any = box(setting.phi, setting.boxes, 0).copy()
-    other: Any = box(setting.phi, setting.boxes, 1).copy()
-    taken(step_implicit, way)(
-        setting.bounds, setting.order, setting.phi, setting.history, *setting.common(),
-        *setting.rest(),
-    )  # fmt: skip
+    setting.surveys[0, TOTAL] = 33
+    before = setting.state()
+    step(setting, way)
+    kept = box(before["phi"], setting.boxes, 0)
     np.testing.assert_array_equal(box(setting.phi, setting.boxes, 0), kept)
-    assert setting.surveys[0, 3] > 0
-    assert setting.surveys[0, 0] == pytest.approx(kept.sum()), "not the volume of the kept field"
-    assert setting.surveys[1, 3] == 0
-    assert np.abs(box(setting.phi, setting.boxes, 1) - other).max() > 0.01
+    assert setting.surveys[0, BAD] > 0
+    assert setting.surveys[0, TOTAL] == 33, "not the volume of the kept field"
+    rows = slice(setting.boxes.plane_start[0], setting.boxes.plane_start[1])
+    np.testing.assert_array_equal(setting.boxes.band[rows], before["band"][rows])
+    assert setting.surveys[1, BAD] == 0
+    change = box(setting.phi, setting.boxes, 1) - box(before["phi"], setting.boxes, 1)
+    assert np.abs(change).max() > 0.01
+
+
+# Three smooth cells that touch, in boxes at whose faces they are all but 0.
+SMOOTH_SHAPES = ((36, 34, 40), (34, 38, 36), (34, 34, 34), (34, 34, 34), (8, 8, 8))
+SMOOTH_CENTERS = np.array([(0, 0, 0), (2, 3, -2), (-3, 1, 2), (90, 0, 0), (0, 90, 0)])
+PAIRS = [(0, 1, 0.5), (1, 0, -0.3), (1, 2, 0.2)]
+
+
+def smooth_setting(**options: Any) -> Setting:
+    shapes = np.array(SMOOTH_SHAPES)
+    boxes, phi = lay_out(SMOOTH_CENTERS - shapes // 2, shapes)
+    for i in range(5):
+        at = positions(boxes, i)
+        r2 = sum((p - c) ** 2 for p, c in zip(at, SMOOTH_CENTERS[i], strict=True)) * H**2
+        box(phi, boxes, i)[:] = np.exp(-0.5 * r2 / 0.9**2) * (0.9 if i < 4 else 0)
+        band_of(boxes, i)[:] = 0, boxes.shape[i, 1]
+    setting = Setting(boxes, phi, SCHEME | {"lhs": 9.0}, tolerance=1e-12, **options)
+    if setting.history is not None:
+        setting.history[:] = np.where(setting.phi == 7, 9, 0.3 * setting.phi)
+    setting.order, setting.bounds = np.arange(5), np.array([0, 2, 5])
+    return setting
+
+
+def with_sweeps(setting: Setting, cycles: int) -> None:
+    """Weights of `cycles` times six sweeps."""
+    top = largest_eigenvalue(setting.fd_order, H)
+    gammas = setting.terms.gamma
+    roots = [sweep_roots(9.0, float(g) * 4, float(g) * top, 6) for g in gammas]
+    assert {len(r) for r in roots} == {6}
+    sweeps = np.tile(1 / np.array(roots), cycles).astype(setting.dtype)
+    setting.terms = setting.terms._replace(sweeps=sweeps)
+
+
+def some_pairs() -> Pairs:
+    pulled = np.array([i for i, _, _ in PAIRS])
+    return Pairs(
+        start=np.searchsorted(pulled, np.arange(6)).astype(np.int64),
+        cell=np.array([j for _, j, _ in PAIRS]),
+        weight=np.array([w for _, _, w in PAIRS]),
+        frame_start=np.zeros(5, np.int64),
+    )
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize(
+    ("coupled", "memory", "drift"), [(False, True, False), (True, True, True), (True, False, False)]
+)
+def test_sweeps_and_transforms_agree(coupled: bool, memory: bool, drift: bool, order: int) -> None:
+    """With the stencil's symbol, where the box's faces do not matter."""
+    results = []
+    for step in (Setting.transform_step, Setting.band_step):
+        setting = smooth_setting(order=order, laplacian="stencil", memory=memory, drift=drift)
+        with_sweeps(setting, cycles=12)
+        if coupled:
+            setting.couple(Cover(setting.boxes, absent=0), pairs=some_pairs())
+        before = setting.state()
+        step(setting)
+        results.append(setting.state())
+        for i in range(4):
+            change = box(setting.phi, setting.boxes, i) - box(before["phi"], setting.boxes, i)
+            assert np.abs(change).max() > 0.01
+    by_transforms, on_band = results
+    np.testing.assert_allclose(on_band["phi"], by_transforms["phi"], atol=1e-9)
+    if memory:
+        np.testing.assert_allclose(on_band["history"], by_transforms["history"], atol=1e-9)
+    surveyed = [TOTAL, CORE, BAD]
+    np.testing.assert_allclose(
+        on_band["surveys"][:, surveyed], by_transforms["surveys"][:, surveyed], atol=1e-6
+    )
+    assert (on_band["surveys"][:, BAD] == 0).all()
+
+
+@pytest.fixture
+def _threads_back():
+    before = get_num_threads()
+    yield
+    set_num_threads(before)
+
+
+@pytest.mark.usefixtures("_threads_back")
+@pytest.mark.parametrize("step", [Setting.transform_step, Setting.band_step])
+def test_the_result_does_not_depend_on_the_lists(step: Callable) -> None:
+    """Nor on how many threads take them, nor on what was in the frames before."""
+    lists = [
+        ([0, 1, 2, 3, 4], [0, 5], 1),
+        ([0, 1, 2, 3, 4], [0, 2, 5], 2),
+        ([4, 2, 0, 3, 1], [0, 1, 1, 4, 5], 2),
+    ]
+    results = []
+    for order, bounds, threads in lists:
+        boxes, phi = make_boxes(13, ORIGINS, SHAPES)
+        setting = Setting(boxes, phi, SCHEME, sweeps=4, drift=True)
+        setting.couple(Cover(boxes))
+        setting.order, setting.bounds = np.array(order), np.array(bounds)
+        set_num_threads(min(threads, get_num_threads()))
+        for _ in range(3):
+            step(setting)
+        results.append(setting.state())
+    assert (results[0]["surveys"][:, BAD] == 0).all()
+    for other in results[1:]:
+        for key, value in results[0].items():
+            np.testing.assert_array_equal(other[key], value, err_msg=key)
+
+
+@pytest.mark.parametrize("step", [Setting.transform_step, Setting.band_step])
+@pytest.mark.parametrize("attracts", [True, False])
+def test_a_cell_that_feels_nothing_need_not_look(step: Callable, attracts: bool) -> None:
+    results = []
+    for felt in (True, False):
+        setting = random_setting(SCHEME, sweeps=4)
+        setting.couple(Cover(setting.boxes, absent=1), attracts=attracts)
+        setting.coupling[1].felt[:] = felt
+        step(setting)
+        results.append(setting.state())
+    for key, value in results[0].items():
+        np.testing.assert_allclose(results[1][key], value, rtol=1e-13, atol=1e-14, err_msg=key)
+
+
+def test_others_are_felt() -> None:
+    """As a check of the test before."""
+    setting, alone = random_setting(SCHEME, sweeps=4), random_setting(SCHEME, sweeps=4)
+    setting.couple(Cover(setting.boxes, absent=0))
+    setting.band_step()
+    alone.band_step()
+    change = box(setting.phi, setting.boxes, 0) - box(alone.phi, alone.boxes, 0)
+    assert np.abs(change).max() > 0.01
+    # The sums above of cell 4 have a column of their own, in which there is nobody else.
+    np.testing.assert_allclose(
+        box(setting.phi, setting.boxes, 4), box(alone.phi, alone.boxes, 4), rtol=1e-12, atol=1e-13
+    )
+
+
+def test_steps_in_single_precision() -> None:
+    for step in (Setting.transform_step, Setting.band_step):
+        results = []
+        for dtype in (np.float32, np.float64):
+            setting = random_setting(SCHEME, sweeps=4, dtype=dtype)
+            step(setting)
+            assert setting.phi.dtype == dtype
+            results.append(setting)
+        for i in STEPPED:
+            found, expected = (box(s.phi, s.boxes, i) for s in results)
+            np.testing.assert_allclose(found, expected, atol=3e-6)
+            assert np.abs(found - expected).max() > 0

@@ -1,0 +1,597 @@
+"""How near a step comes to the limits of the machine: time, flops and bytes of each of its phases.
+
+Run as `python benchmarks/roofline.py`. All is of one thread, in microseconds per cell and step.
+
+Limits. What the machine can do is measured in the same process, the best of many rounds: the peak
+of single-precision multiply-adds, and the speed of copies, read and written, in arrays that are
+together as large as a thread's frames ("frames": cache), as the scene's pools and columns ("pools":
+a cache that all share, or memory, as their size has it), and as memory only can hold. A phase takes
+at least as long as its flops at the peak, its bytes from and to pools at the speed of pools, and
+its bytes from and to frames at the speed of frames; the largest of them is its limit.
+
+Time. A serial function does what the step kernels do for each cell, up to a given stage. A phase is
+the difference of two of them, each the median of rounds in which all have their turn; the state is
+restored in between. "in cache" is the same of one cell again and again (of one column for the sums
+over cells), with coefficients that leave the cell as it is: what is more in "us" is what it costs
+to have the state of all cells elsewhere. The sum of the phases is printed beside the time of a real
+step.
+
+Work. Points are those that the loops run over, counted with the kernels' own ranges; a run of the
+band holds the halos between its rows. Flops per point are counted by hand below: a sum, difference
+or product is one, a square root, a comparison or a move none. A stretch of a pool or frame that a
+phase reads or writes counts once for each; what a stencil reads again counts once. Copies write
+half of what they move, so a phase that mostly reads may come out beyond 100 %.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numba
+import numpy as np
+from _common import arguments, packed_scene, print_table, report
+
+from morphosim import Simulation
+from morphosim.kernels._jit import kernel
+from morphosim.kernels.boxes import BAND
+from morphosim.kernels.columns import ROWS, SHIFT, gather, sum_column
+from morphosim.kernels.forces import right_hand_side
+from morphosim.kernels.frames import HALO, band_rows, clear, load, reach, run, strides, unload
+from morphosim.kernels.helmholtz import helmholtz_solve
+from morphosim.kernels.layout import CellTerms, Scheme
+from morphosim.kernels.relaxation import sweep
+from morphosim.kernels.step import (
+    HISTORY,
+    PHI,
+    PSI,
+    RHS,
+    START,
+    accept_band,
+    accept_box,
+    keep_history,
+)
+from morphosim.schemes import coefficients
+
+DERIVATIVE = 8
+"""Sixth order: 3 differences, 3 products, 2 sums (`derivative`)."""
+FORCE = 3 * DERIVATIVE + 6 + 3 * (DERIVATIVE + 2) + 6 + 2
+"""∇φ; p |∇φ| (4 products, 2 sums); ∇φ·∇ψ (per axis ∂ψ, a product, a difference); the well (3
+products, 3 differences); φ R (a product, a difference) (`force`, without drift)."""
+RIGHT_HAND_SIDE = FORCE + 4 + 3
+"""F; a0 φ + a1 F + H; b0 φ + b1 F (`plane_right_hand_side`)."""
+START_OF_SWEEPS = 4
+"""e0 φ + e1 (H + F)."""
+SWEEP = 3 * 5 + 5 + 5
+"""Three sums of six neighbours; their weights (3 products, 2 sums); the rest (3 products, 2 sums)
+(`weighted_neighbours`, `plane_sweep`)."""
+READ = 3
+"""R and ψ: two products and a difference each (`read_repulsion`, `read_potential`)."""
+ADD = 3 + 1
+"""R: g φ φ and a sum; Σ φ: a sum (`add_row`)."""
+SURVEY = 1 + 4
+"""φ² and four sums (`row_sums`)."""
+DIVIDE = 3
+"""A product, a sum, a division (`divide_by_symbol`)."""
+STEPS, CHAINS, CHAIN_POINTS = 16, 8, 1024
+"""Multiply-adds one after the other, of so many independent ones, at each of so many points."""
+MEMORY = 64_000_000
+"""Bytes of an array that no cache holds."""
+AGAIN, ADD_AGAIN = 20, 3
+"""How often one cell, and one column, is taken again."""
+SETTLING = 20
+"""Steps before the timing."""
+
+PHASES = {
+    "band": ("load", "gather", "force", "sweeps", "accept"),
+    "dct": ("load", "gather", "force", "unload", "transform", "accept"),
+}
+"""Phases after "accumulate", in the order of the stages of `band_stages`, `transform_stages`."""
+LISTED, WIDE, REACH, RUN, ADDED, REPELLED, PULLED, N_COUNTED = 0, 1, 2, 3, 4, 5, 6, 7
+"""Points of a cell: of its rows, in the box; of these in the frame, halos with them; of the rows
+that stencils read; of the runs; of rows that are added to columns; of rows that read R; that read ψ
+(from a column, in both cases)."""
+
+
+@numba.njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def multiply_add(x, out, c, repeats):
+    """Fill the pipes with independent multiply-adds; not re-associated, which would merge them."""
+    for _ in range(repeats):
+        for j in range(np.uint64(x.shape[0])):
+            v = x[j]
+            p0, p1, p2, p3 = v, v + c[1], v + c[2], v + c[3]
+            p4, p5, p6, p7 = v + c[4], v + c[5], v + c[6], v + c[7]
+            for _ in range(STEPS):
+                p0 = p0 * v + c[0]
+                p1 = p1 * v + c[0]
+                p2 = p2 * v + c[0]
+                p3 = p3 * v + c[0]
+                p4 = p4 * v + c[0]
+                p5 = p5 * v + c[0]
+                p6 = p6 * v + c[0]
+                p7 = p7 * v + c[0]
+            out[j] = ((p0 + p1) + (p2 + p3)) + ((p4 + p5) + (p6 + p7))
+
+
+@kernel()
+def copy(source, target, repeats):
+    """Copy as the kernels do; NumPy's stores go past the caches when arrays are large."""
+    for _ in range(repeats):
+        for k in range(np.uint64(source.shape[0])):
+            target[k] = source[k]
+
+
+@kernel()
+def band_stages(
+    stage, cells, phi, history, boxes, terms, interaction, columns, frames, stencil, scheme,
+    limits, found, measured, surveys, lost,
+):  # fmt: skip
+    """What `step_band` does, up to a stage: 1 load, 2 gather, 3 force, 4 sweeps, 5 accept."""
+    one = limits.half + limits.half
+    sweeps = terms.sweeps.shape[1]
+    for k in range(cells.shape[0]):
+        i = cells[k]
+        clear(i, boxes, False, frames[PHI])
+        load(i, phi, boxes, False, frames[PHI])
+        load(i, history, boxes, False, frames[HISTORY])
+        clear(i, boxes, False, frames[START])
+        if stage >= 2:
+            gather(
+                i, boxes, False, interaction, columns, None, None, frames[PHI], frames[RHS],
+                frames[PSI],
+            )  # fmt: skip
+        if stage >= 3:
+            right_hand_side(
+                i, boxes, False, terms, terms.drift, frames[PHI], frames[PSI], frames[RHS],
+                frames[HISTORY], frames[START], stencil, scheme, limits.half, True,
+            )  # fmt: skip
+        if stage >= 4:
+            for s in range(sweeps):
+                source = START if s % 2 == 0 else PHI
+                sweep(
+                    i, boxes, frames[source], frames[START + PHI - source], frames[RHS], stencil,
+                    scheme.lhs, terms.gamma[i], terms.sweeps[i, s], one,
+                )  # fmt: skip
+        if stage >= 5:
+            result = PHI if sweeps % 2 else START
+            accept_band(
+                i, phi, history, frames[result], frames[HISTORY], boxes, limits, found, measured,
+                surveys, lost,
+            )  # fmt: skip
+
+
+@kernel()
+def transform_stages(
+    stage, cells, phi, history, boxes, terms, interaction, columns, frames, stencil, scheme,
+    cosines, limits, found, measured, surveys,
+):  # fmt: skip
+    """What `step_transform` does, up to a stage.
+
+    They are 1 load, 2 gather, 3 force, 4 unload, 5 transform, 6 accept.
+    """
+    for k in range(cells.shape[0]):
+        i = cells[k]
+        clear(i, boxes, True, frames[PHI])
+        load(i, phi, boxes, True, frames[PHI])
+        load(i, history, boxes, True, frames[HISTORY])
+        if stage >= 2:
+            gather(
+                i, boxes, True, interaction, columns, None, None, frames[PHI], frames[RHS],
+                frames[PSI],
+            )  # fmt: skip
+        if stage >= 3:
+            right_hand_side(
+                i, boxes, True, terms, terms.drift, frames[PHI], frames[PSI], frames[RHS],
+                frames[HISTORY], None, stencil, scheme, limits.half, True,
+            )  # fmt: skip
+        if stage >= 4:
+            keep_history(i, history, boxes, frames[HISTORY])
+            unload(i, frames[RHS], boxes, frames[START])
+        if stage >= 5:
+            helmholtz_solve(
+                frames[START], frames[PSI], frames[PHI],
+                boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
+                cosines, scheme.lhs, terms.gamma[i],
+            )  # fmt: skip
+        if stage >= 6:
+            accept_box(i, phi, frames[START], boxes, limits, found, measured, surveys)
+
+
+@kernel()
+def accumulate_again(lists, phi, boxes, interaction, columns, repeats):
+    """Sum all cells on the columns, each column so many times before the next."""
+    for a in range(lists.start.shape[0]):
+        for _ in range(repeats):
+            sum_column(
+                a, lists, phi, boxes, interaction.types, interaction.pull.shape[0],
+                interaction.g, columns.background, columns.repulsion, columns.potential,
+            )  # fmt: skip
+
+
+@kernel()
+def count_points(boxes, whole, columns, out):
+    """Points (N, N_COUNTED) that the kernels' loops run over."""
+    for i in range(boxes.start.shape[0]):
+        sx, sy = strides(i, boxes)
+        nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+        ox, oy = boxes.origin[i, 0], boxes.origin[i, 1]
+        columns_y = ((oy + ny + HALO - 1) >> SHIFT) - ((oy - HALO) >> SHIFT) + 1
+        for x in range(-HALO, nx + HALO):
+            low, high = reach(x, i, boxes, whole)
+            out[i, REACH] += (high - low) * sy
+            inside = 0 <= x < nx
+            if inside:
+                y0, y1 = band_rows(x, i, boxes, whole)
+                first, last = run(x, i, boxes, whole, sx, sy)
+                out[i, LISTED] += max(y1 - y0, 0) * nz
+                out[i, WIDE] += max(y1 - y0, 0) * sy
+                out[i, RUN] += last - first if last > first else 0
+            column = columns.cover_start[i]
+            column += (((ox + x) >> SHIFT) - ((ox - HALO) >> SHIFT)) * columns_y
+            for y in range(low, high):
+                place = columns.cover[column + ((oy + y) >> SHIFT) - ((oy - HALO) >> SHIFT)]
+                if place[0] >= 0:
+                    out[i, PULLED] += sy
+                    if inside:
+                        w0, w1 = band_rows(x, i, boxes, whole)
+                        b0, b1 = band_rows(x, i, boxes, False)
+                        out[i, REPELLED] += sy if w0 <= y < w1 else 0
+                        out[i, ADDED] += nz if b0 <= y < b1 else 0
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a phase does, mean of the cells: points and flops, and values moved."""
+
+    points: float
+    flops: float
+    pools: float
+    """Values read from or written to pools and columns."""
+    frames: float
+    """Values read from or written to frames, and sums that stay in the cache."""
+
+
+class Profile:
+    """Scene of one solver: its phases, their time and their work."""
+
+    def __init__(self, cells: int, radius: float, solver: str) -> None:
+        scene = packed_scene(cells, radius, solver=solver, threads=1)
+        self.solver, self.phases = solver, PHASES[solver]
+        self.real, simulation = Simulation(scene), Simulation(scene)
+        self.real.step(SETTLING)
+        simulation.step(SETTLING)
+        engine = self.engine = simulation.engine
+        if not (engine._coupled and engine._cover.columns.felt.all()):
+            raise ValueError("this account is of cells that meet: take more of them")
+        engine._fill_terms(simulation.targets)
+        numbers = coefficients(engine.numerics, engine.physics.tau, False)
+        self._scheme = Scheme(**{name: engine._real(v) for name, v in numbers.items()})
+        self._terms = engine._terms
+        if solver == "band":
+            self._terms = self._terms._replace(sweeps=engine._sweeps(numbers["lhs"]))
+        zero, one = engine._real(0), engine._real(1)
+        self._still = (
+            self._terms._replace(gamma=np.zeros_like(engine._terms.gamma)),
+            Scheme(self._scheme.lhs, self._scheme.lhs, zero, zero, zero, one, zero),
+        )  # lhs φⁿ⁺¹ = lhs φⁿ, whatever the force
+        pool = engine.pool
+        self._arrays = pool.phi, pool.history, pool.band, pool.surveys, pool.lost
+        self._saved = [array.copy() for array in self._arrays]
+        self._points = np.zeros((cells, N_COUNTED), np.int64)
+        count_points(pool.boxes, solver == "dct", engine._cover.columns, self._points)
+        run_points = self._points[:, RUN]
+        self._middle = int(np.argmin(abs(run_points - run_points.mean())))
+        self._check()
+
+    def _check(self) -> None:
+        """The stages together are a step, and one cell taken again and again stays as it is."""
+        engine, phi = self.engine, self.engine.pool.phi
+        engine._accumulate()
+        engine._advance()
+        expected = phi.copy()
+        self._ready_all()
+        self._do_all(len(self.phases))
+        if not np.allclose(phi, expected, rtol=0, atol=1e-5):
+            raise RuntimeError(f"{self.solver}: the stages do not add up to a step")
+        self._ready_one()
+        self._do_one(len(self.phases))
+        if not np.allclose(phi, self._saved[0], rtol=0, atol=engine.numerics.box_tolerance):
+            raise RuntimeError(f"{self.solver}: the cell taken again and again changes")
+
+    def _do_all(self, stage: int) -> None:
+        """All stages up to one, of all cells."""
+        self._do(stage, self.engine._order, self._terms, self._scheme)
+
+    def _do_one(self, stage: int, times: int = AGAIN) -> None:
+        """All stages up to one, of one cell again and again."""
+        self._do(stage, np.full(times, self._middle, np.int64), *self._still)
+
+    def _do(self, stage: int, cells: np.ndarray, terms: CellTerms, scheme: Scheme) -> None:
+        engine, pool = self.engine, self.engine.pool
+        common = (
+            stage, cells, pool.phi, pool.history, pool.boxes, terms,
+            engine._interactions.interaction, engine._cover.columns, engine._work[0],
+            engine._stencil, scheme,
+        )  # fmt: skip
+        survey = engine._limits, engine._found[0], engine._measured[0], pool.surveys
+        if self.solver == "band":
+            band_stages(*common, *survey, pool.lost)
+        else:
+            transform_stages(*common, engine._cosines.arrays, *survey)
+
+    def _restore(self) -> None:
+        for array, saved in zip(self._arrays, self._saved, strict=True):
+            np.copyto(array, saved)
+
+    def _ready_all(self) -> None:
+        """As a step finds it: the state, and its sums made just before."""
+        self._restore()
+        self.engine._accumulate()
+
+    def _ready_one(self) -> None:
+        """State and columns of one cell in the cache; without history it stays as it is."""
+        self._ready_all()
+        pool = self.engine.pool
+        pool.box(self._middle, pool.history)[:] = 0
+        self._do_one(len(self.phases), 3)
+
+    def _ready_sums(self) -> None:
+        """As sums find the state: just after a step."""
+        self._restore()
+        self._do_all(len(self.phases))
+
+    def _accumulate_again(self) -> None:
+        engine = self.engine
+        accumulate_again(
+            engine._cover.lists, engine.pool.phi, engine.pool.boxes,
+            engine._interactions.interaction, engine._cover.columns, 1 + ADD_AGAIN,
+        )  # fmt: skip
+
+    def actions(self) -> dict[Any, tuple[Callable[[], None], Callable[[], None]]]:
+        """What to time, each with what precedes it untimed."""
+        found: dict[Any, tuple[Callable[[], None], Callable[[], None]]] = {
+            (self.solver, "step"): (self.real.step, self.real.step),
+            (self.solver, "sums"): (self._ready_sums, self.engine._accumulate),
+            (self.solver, "sums again"): (self._ready_sums, self._accumulate_again),
+        }
+        for stage in range(1, len(self.phases) + 1):
+            found[self.solver, stage, "all"] = self._ready_all, partial(self._do_all, stage)
+            found[self.solver, stage, "one"] = self._ready_one, partial(self._do_one, stage)
+        return found
+
+    def microseconds(self, medians: Mapping[Any, float]) -> dict[str, tuple[float, float]]:
+        """Per cell, of each phase: of all cells, and in the cache."""
+        cells, sums = len(self.engine), medians[self.solver, "sums"]
+        again = (medians[self.solver, "sums again"] - sums) / ADD_AGAIN
+        found = {"accumulate": (1e6 * sums / cells, 1e6 * again / cells)}
+        before = 0.0, 0.0
+        for stage, phase in enumerate(self.phases, 1):
+            now = (
+                1e6 * medians[self.solver, stage, "all"] / cells,
+                1e6 * medians[self.solver, stage, "one"] / AGAIN,
+            )
+            found[phase] = now[0] - before[0], now[1] - before[1]
+            before = now
+        return found
+
+    def points(self) -> dict[str, Any]:
+        """Points per cell: one line of a table."""
+        mean = self._points.mean(axis=0)
+        return {
+            "solver": self.solver,
+            "of the box": float(self.engine.pool.sizes().mean()),
+            "active": self.active,
+            "of rows": float(mean[LISTED]),
+            "of runs": float(mean[RUN]),
+            "that stencils read": float(mean[REACH]),
+            "added to columns": float(mean[ADDED]),
+            "active of runs, %": 100 * self.active / float(mean[RUN]),
+        }
+
+    @property
+    def active(self) -> float:
+        """Points per cell with |φ| beyond the tolerance."""
+        return float(self._saved[3][:, BAND].mean())
+
+    def work(self) -> dict[str, Work]:
+        """What each phase does per cell; see the kernels that `band_stages` calls."""
+        engine = self.engine
+        mean = self._points.mean(axis=0).tolist()
+        listed, wide, reached, run_, added, repelled, pulled = mean
+        columns = 2.0 * ROWS * float(engine._cover.lists.length.sum()) / len(engine)
+        box = float(engine.pool.sizes().mean())
+        if self.solver == "band":
+            sweeps = self._terms.sweeps.shape[1]
+            own = {
+                # Writes: φ's frame cleared and filled, that of H filled, that of the start cleared.
+                "load": Work(listed, 0, 2 * listed, 2 * reached + 2 * wide),
+                # Reads φ, R, H, ψ; writes H, the right-hand side and the start.
+                "force": Work(
+                    run_, (RIGHT_HAND_SIDE + START_OF_SWEEPS) * run_, 0, 2 * reached + 5 * run_
+                ),
+                # Each reads u and the right-hand side, and writes u.
+                "sweeps": Work(
+                    sweeps * run_, SWEEP * sweeps * run_, 0, sweeps * (reached + 2 * run_)
+                ),
+                # Reads φ twice and H; writes both pools.
+                "accept": Work(listed, SURVEY * listed, 2 * listed, 3 * listed),
+            }
+        else:
+            sizes = engine.pool.shape.sum(axis=1)
+            products = float((4 * engine.pool.sizes() * sizes).mean())
+            own = {
+                "load": Work(box, 0, 2 * box, reached + 2 * wide),
+                "force": Work(run_, RIGHT_HAND_SIDE * run_, 0, 2 * reached + 4 * run_),
+                # H from frame to pool; the right-hand side from frame to frame.
+                "unload": Work(box, 0, box, 3 * box),
+                # Six products and a division, each reads and writes; two copies into blocks, which
+                # stay in the innermost cache.
+                "transform": Work(box, products + DIVIDE * box, 0, (6 * 2 + 2 + 2) * box),
+                "accept": Work(box, SURVEY * box, box, 2 * box),
+            }
+        both = {
+            # Reads φ from the pool and writes the columns, once; adds to two sums in the cache.
+            "accumulate": Work(added, ADD * added, added + columns, 4 * added),
+            # Reads two sums and φ for each; writes R and ψ.
+            "gather": Work(
+                reached, READ * (repelled + pulled), repelled + pulled,
+                repelled + wide + pulled + reached,
+            ),
+        }  # fmt: skip
+        work = both | own
+        return {phase: work[phase] for phase in ("accumulate", *self.phases)}
+
+    def rows(self, medians: Mapping[Any, float], speeds: Mapping[str, float]) -> list[dict]:
+        """The account: a line for each phase, their sum, and the step."""
+        work, found = self.work(), self.microseconds(medians)
+        bytes_each = self.engine.dtype.itemsize
+        pools, frames = speeds[f"copy, {self.solver} pools, GB/s"], speeds["copy, frames, GB/s"]
+        rows = []
+        for phase, (us, cached) in found.items():
+            done = work[phase]
+            least = {
+                "flops": 1e-3 * done.flops / speeds["peak, GFlop/s"],
+                "pools": 1e-3 * done.pools * bytes_each / pools,
+                "frames": 1e-3 * done.frames * bytes_each / frames,
+            }
+            bound = max(least, key=least.__getitem__)
+            rows.append({
+                "solver": self.solver,
+                "phase": phase,
+                "us": us,
+                "in cache, us": cached,
+                "points": round(done.points),
+                "flops/point": done.flops / done.points,
+                "pools, kB": 1e-3 * done.pools * bytes_each,
+                "frames, kB": 1e-3 * done.frames * bytes_each,
+                **{f"by {name}, us": value for name, value in least.items()},
+                "limit, us": least[bound],
+                "bound": bound,
+            })  # fmt: skip
+        summed = [key for key in rows[0] if key.endswith((", us", ", kB")) or key == "us"]
+        total = {key: sum(row[key] for row in rows) for key in summed}
+        blank = dict.fromkeys(rows[0])
+        step = 1e6 * medians[self.solver, "step"] / len(self.engine)
+        rows.append(blank | {"solver": self.solver, "phase": "sum"} | total)
+        rows.append(
+            blank | {"solver": self.solver, "phase": "real step"} | total
+            | {"us": step, "in cache, us": None}
+        )  # fmt: skip
+        for row in rows:
+            row["of flops, %"] = 100 * row["by flops, us"] / row["us"]
+            row["of bytes, %"] = 100 * max(row["by pools, us"], row["by frames, us"]) / row["us"]
+            row["of limit, %"] = 100 * row["limit, us"] / row["us"]
+        return rows
+
+
+def conclusion(rows: list[dict], points: Mapping[str, Any]) -> str:
+    """Limit, share reached, and what stands between, from the numbers."""
+    *phases, total, step = rows
+    lost = sorted(phases, key=lambda row: row["limit, us"] - row["us"])
+    parts = [
+        f"{row['phase']} {row['us'] - row['limit, us']:.0f} (limit by {row['bound']} "
+        f"{row['limit, us']:.0f})"
+        for row in lost
+    ]
+    away = total["us"] - total["in cache, us"]
+    return (
+        f"{step['solver']}: the limit is {step['limit, us']:.0f} us per cell and core, a step "
+        f"takes {step['us']:.0f}: {step['of limit, %']:.0f} % of it is reached. Between them "
+        f"stand, in us, {', '.join(parts)}, and {step['us'] - total['us']:.0f} outside of the phases. "
+        f"Of this, having all cells' state outside of the cache costs {away:.0f}. "
+        f"{points['active of runs, %']:.0f} % of the points of the runs are active."
+    )
+
+
+def timed(
+    actions: Mapping[Any, tuple[Callable[[], None], Callable[[], None]]],
+    rounds: int,
+    warm_up: int = 2,
+) -> dict[Any, float]:
+    """Median seconds of each action, in turn; what precedes it is not timed."""
+    seconds: dict[Any, list[float]] = {name: [] for name in actions}
+    for turn in range(warm_up + rounds):
+        for name, (ready, action) in actions.items():
+            ready()
+            begin = time.perf_counter()
+            action()
+            if turn >= warm_up:
+                seconds[name].append(time.perf_counter() - begin)
+    return {name: float(np.median(values)) for name, values in seconds.items()}
+
+
+def best(action: Callable[[], None], rounds: int) -> float:
+    """Least seconds of an action."""
+    seconds = []
+    for _ in range(rounds + 1):
+        begin = time.perf_counter()
+        action()
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds[1:])
+
+
+def peak(rounds: int) -> float:
+    """Single-precision multiply-adds, GFlop/s."""
+    x, out = np.full(CHAIN_POINTS, 0.5, np.float32), np.zeros(CHAIN_POINTS, np.float32)
+    weights, repeats = np.linspace(0.4, 0.5, CHAINS, dtype=np.float32), 50
+    seconds = best(lambda: multiply_add(x, out, weights, repeats), rounds)
+    return 2e-9 * CHAINS * STEPS * CHAIN_POINTS * repeats / seconds
+
+
+def copy_speed(size: int, rounds: int, threads: int = 1) -> float:
+    """Copy of an array of `size` bytes to another, GB/s read and written."""
+    source, target = np.ones(size // 4, np.float32), np.zeros(size // 4, np.float32)
+    target[:] = 0  # maps its pages
+    repeats = max(1, 16_000_000 // size)
+    sources, targets = np.array_split(source, threads), np.array_split(target, threads)
+    if threads == 1:
+        seconds = best(lambda: copy(source, target, repeats), rounds)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            every = [repeats] * threads
+            seconds = best(lambda: list(pool.map(copy, sources, targets, every)), rounds)
+    return 2e-9 * source.nbytes * repeats / seconds
+
+
+def limits(profiles: Mapping[str, Profile], rounds: int) -> dict[str, float]:
+    """What the machine can do."""
+    found = {"peak, GFlop/s": peak(rounds)}
+    frames = max(profile.engine._work[0].nbytes for profile in profiles.values())
+    found["frames, MB"] = 1e-6 * frames
+    found["copy, frames, GB/s"] = copy_speed(frames // 2, rounds)
+    for solver, profile in profiles.items():
+        pools = profile.engine.nbytes - profile.engine._work.nbytes
+        found[f"{solver} pools, MB"] = 1e-6 * pools
+        found[f"copy, {solver} pools, GB/s"] = copy_speed(pools // 2, rounds)
+    found["copy, memory, GB/s"] = copy_speed(MEMORY, rounds)
+    found["copy, memory, 2 threads, GB/s"] = copy_speed(MEMORY, rounds, 2)
+    return found
+
+
+def main() -> None:
+    """Measure and report."""
+    options = arguments(__doc__, cells=100, radius=4.0, rounds=21)
+    profiles = {name: Profile(options.cells, options.radius, name) for name in PHASES}
+    actions = {k: v for profile in profiles.values() for k, v in profile.actions().items()}
+    with profiles["band"].engine.limited_threads():
+        speeds = limits(profiles, options.rounds)
+        medians = timed(actions, options.rounds)
+    points = {name: profile.points() for name, profile in profiles.items()}
+    accounts = {name: profile.rows(medians, speeds) for name, profile in profiles.items()}
+    for name, value in speeds.items():
+        print(f"{name}: {value:.1f}")
+    print("\npoints per cell")
+    print_table(list(points.values()))
+    print("\nus per cell and step, one thread")
+    for name, rows in accounts.items():  # in the JSON, not in the table
+        rows[-1] |= {"machine's limits": speeds, "points per cell": points[name]}
+    report([row for rows in accounts.values() for row in rows], options.json)
+    print()
+    for name, rows in accounts.items():
+        print(conclusion(rows, points[name]))
+
+
+if __name__ == "__main__":
+    main()

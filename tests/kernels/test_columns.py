@@ -1,0 +1,156 @@
+"""Sums over cells on columns, against sums over whole boxes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, accumulate, gather
+from morphosim.kernels.frames import HALO, frame_size
+from morphosim.kernels.layout import Boxes
+
+from .example_boxes import (
+    ORIGINS,
+    band_of,
+    both_ways,
+    box,
+    empty_frame,
+    grid,
+    in_band,
+    loaded,
+    make_boxes,
+    mirrored,
+    taken,
+    with_halo,
+)
+from .example_columns import Cover, G, interaction
+
+CELLS = range(len(ORIGINS))
+
+
+def test_columns_are_powers_of_two() -> None:
+    assert WIDTH == 1 << SHIFT
+    assert ROWS == WIDTH**2
+
+
+def test_the_example_has_columns_above_each_other_and_some_that_do_not_exist() -> None:
+    cover = Cover(make_boxes(seed=11)[0])
+    places = [place for place, _, _ in cover.extents]
+    assert len(set(places)) < len(places)
+    assert min(len(found) for found in cover.under) > 1
+    assert min(cover.start) == -1
+    # One row of columns under a box that begins left of 0 in the lattice, one right of it.
+    assert min(place[0] for place in places) < 0 < max(place[0] for place in places)
+
+
+def read_by(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows of the frame that stencils on these rows of the box read."""
+    wide = np.pad(rows, HALO)
+    shifts = range(-HALO, HALO + 1)
+    return np.logical_or.reduce([np.roll(wide, m, axis) for axis in (0, 1) for m in shifts])
+
+
+def with_mirrors(boxes: Boxes, i: int, phi: NDArray, whole: bool) -> NDArray:
+    assert whole
+    return mirrored(boxes, i, phi)
+
+
+def make_pair_potential(boxes: Boxes) -> tuple[NDArray, NDArray]:
+    """Where the frames of pulled cells start (cell 2 is not pulled), and their pool."""
+    sizes = [0 if i == 2 else frame_size(i, boxes) + 7 for i in CELLS]
+    ends = np.cumsum(sizes)
+    start = np.where(np.array(sizes) > 0, ends - sizes, -1)
+    return start, np.random.default_rng(12).random(ends[-1])
+
+
+@both_ways
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize(
+    ("background", "attracts", "pairs"),
+    [(True, False, False), (False, True, False), (True, True, True), (False, False, True)],
+)
+def test_cells_feel_the_others_and_the_background(
+    background: bool, attracts: bool, pairs: bool, whole: bool, way: str
+) -> None:
+    boxes, phi = make_boxes(seed=11)
+    cover = Cover(boxes)
+    columns = cover.columns(background, n_types=3 if attracts else 0)
+    pairs_start, pool = make_pair_potential(boxes) if pairs else (None, None)
+    taken(accumulate, way)(cover.lists(), phi, boxes, interaction(), columns)
+    assert np.isnan(columns.repulsion[cover.between()]).all()
+    for i in CELLS:
+        repulsion = empty_frame(boxes, i)
+        psi = empty_frame(boxes, i) if attracts or pairs else None
+        taken(gather, way)(
+            i, boxes, whole, interaction(), columns, pairs_start, pool,
+            loaded(boxes, i, phi, whole), repulsion, psi,
+        )  # fmt: skip
+        rows = in_band(boxes, i, whole)
+        worked = np.pad(rows, HALO)
+        expected = cover.felt_repulsion(phi, columns, i)
+        found = with_halo(repulsion, boxes, i)
+        np.testing.assert_allclose(found[worked], expected[worked], rtol=1e-12, atol=1e-13)
+        assert np.isfinite(grid(repulsion, boxes, i)[worked]).all(), "read beyond a column"
+        if psi is not None:
+            near = read_by(rows)
+            expected = np.zeros(found.shape)
+            if attracts:
+                expected += cover.felt_potential(phi, i)
+            if pairs and pairs_start[i] >= 0:
+                expected += with_halo(pool[pairs_start[i] :], boxes, i)
+            found = with_halo(psi, boxes, i)
+            np.testing.assert_allclose(found[near], expected[near], rtol=1e-12, atol=1e-13)
+            assert np.isfinite(grid(psi, boxes, i)[near]).all(), "read beyond a column"
+
+
+@both_ways
+@pytest.mark.parametrize(("whole", "load"), [(True, loaded), (False, loaded), (True, with_mirrors)])
+def test_a_cell_does_not_feel_itself(whole: bool, load: Callable, way: str) -> None:
+    """Not even where its field is too faint for the band, nor its mirror image."""
+    boxes, phi = make_boxes(seed=11)
+    band_of(boxes, 2)[:] = [(2, 5)] * 10 + [(8, 0)] * 4
+    for i in CELLS:
+        if i != 2:
+            band_of(boxes, i)[:] = 99, 0
+    box(phi, boxes, 2)[:] = np.random.default_rng(15).random(boxes.shape[2])
+    cover = Cover(boxes, absent=0)
+    columns = cover.columns(background=False, n_types=3)
+    taken(accumulate, way)(cover.lists(), phi, boxes, interaction(), columns)
+    assert np.nanmax(columns.repulsion) > 0.5 * G
+    repulsion, psi = (empty_frame(boxes, 2) for _ in range(2))
+    taken(gather, way)(
+        2, boxes, whole, interaction(), columns, None, None, load(boxes, 2, phi, whole),
+        repulsion, psi,
+    )  # fmt: skip
+    rows = in_band(boxes, 2, whole)
+    worked, near = np.pad(rows, HALO), read_by(rows)
+    np.testing.assert_allclose(with_halo(repulsion, boxes, 2)[worked], 0, atol=1e-14)
+    np.testing.assert_allclose(with_halo(psi, boxes, 2)[near], 0, atol=1e-14)
+
+
+def test_a_cell_without_columns_feels_nothing() -> None:
+    boxes, phi = make_boxes(seed=11)
+    cover = Cover(boxes, absent=1)
+    columns = cover.columns(background=False, n_types=3)
+    assert not columns.felt.any()
+    repulsion, psi = (empty_frame(boxes, 0) for _ in range(2))
+    gather(
+        0, boxes, True, interaction(), columns, None, None, loaded(boxes, 0, phi, True),
+        repulsion, psi,
+    )  # fmt: skip
+    assert (with_halo(psi, boxes, 0) == 0).all()
+    assert (with_halo(repulsion, boxes, 0)[HALO:-HALO, HALO:-HALO] == 0).all()
+
+
+def test_the_sums_do_not_depend_on_the_lists() -> None:
+    boxes, phi = make_boxes(seed=11)
+    cover = Cover(boxes)
+    results = []
+    for threads in (1, 2, 7):
+        columns = cover.columns(background=True, n_types=3)
+        accumulate(cover.lists(threads), phi, boxes, interaction(), columns)
+        results.append(np.concatenate([columns.repulsion, columns.potential]))
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(results[0], results[2])
+    assert np.isfinite(results[0]).any()
