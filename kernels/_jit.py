@@ -81,9 +81,11 @@ def choose(array: Any, use: Any) -> Any:
 
 
 @overload(choose)
-def _typed_choose(array, use):  # type: ignore[no-untyped-def]  # Numba compares signatures
-    """Decided by the type of `use`: a branch would leave Numba with an array that may be None,
-    which is looked at again at every access and keeps loops from being vectorised.
+def _typed_choose(array, use):  # without types: Numba compares the signatures
+    """Decide by the type of `use`.
+
+    A branch would leave Numba with an array that may be None, which is looked at again at every
+    access and keeps loops from being vectorised.
     """
     if isinstance(use, types.NoneType):
         return lambda array, use: None

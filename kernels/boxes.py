@@ -7,7 +7,7 @@ from morphosim.kernels.frames import clear_row
 
 TOTAL, BAND, CORE, BAD, FACE, EDGE, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6
 """What a survey finds: Σ φ, points with |φ| > tolerance, points with φ > 1/2, points beyond the
-limit or not finite, and the largest |φ| on the faces of the box and on the edge of its rows."""
+limit or not finite, and the largest |φ| on the faces of the box and on the edge of its band."""
 
 
 @inline_kernel()
@@ -62,6 +62,10 @@ def survey(values, first, sx, sy, nx, ny, nz, rows, whole, limits, found, out):
     for x in range(nx):
         found[x, 0], found[x, 1] = ny, 0
         y0, y1 = (0, ny) if whole else (rows[x, 0], rows[x, 1])
+        inner_0, inner_1 = y0 + 1, y1 - 1
+        if not whole and 0 < x < nx - 1:
+            inner_0 = max(inner_0, rows[x - 1, 0], rows[x + 1, 0])
+            inner_1 = min(inner_1, rows[x - 1, 1], rows[x + 1, 1])
         for y in range(y0, y1):
             row = np.uint64(first + x * sx + y * sy)
             total, band, core, bad = row_sums(values, row, nz, tolerance2, runaway2, limits.half)
@@ -76,7 +80,7 @@ def survey(values, first, sx, sy, nx, ny, nz, rows, whole, limits, found, out):
                 face = max(face, row_peak(values, row, nz))
             else:
                 face = max(face, abs(values[row]), abs(values[row + last]))
-                if y == y0 or y == y1 - 1:
+                if not inner_0 <= y < inner_1:
                     edge = max(edge, row_peak(values, row, nz))
     out[TOTAL], out[BAND], out[CORE], out[BAD] = sum_total, sum_band, sum_core, sum_bad
     out[FACE] = face

@@ -1,7 +1,7 @@
 """Sums over cells on sparse columns of the lattice.
 
 The cells' sums Σ g φ² (repulsion) and Σ φ per cell type (attraction) are accumulated on columns of
-4 × 4 rows along z. A column reaches as far as the frames over it hang together and exists only
+8 × 8 rows along z. A column reaches as far as the frames over it hang together and exists only
 where two of them meet or a confinement acts, so memory follows the cells, and each row of a frame
 lies in one column. Each column is summed by one thread in the order of its cell list: the result
 does not depend on the number of threads. A cell takes its own share off when it reads.
@@ -126,24 +126,25 @@ def add_potential(sums, first, phi, p, count, weight, own_weight, psi):
 
 
 @inline_kernel()
-def read_psi(place, row, count, own, share, interaction, columns, phi, p, psi, filled):
+def read_psi(place, row, count, own, share, pull, potential, phi, p, psi, filled):
     """ψ along one row of a frame from its column.
 
     `share` tells whether the cell itself is in the sums of this row, `filled` whether ψ has other
     contributions already.
     """
-    first, length, z = place[0], place[1], place[2]
-    n_types = interaction.pull.shape[0]
-    for t in range(n_types):
-        weight = interaction.pull[t, own]
-        if weight != 0:
-            own_weight = weight * phi.dtype.type(share and t == own)
-            source = np.uint64(first * n_types + (t * ROWS + row) * length + z)
-            if filled:
-                add_potential(columns.potential, source, phi, p, count, weight, own_weight, psi)
-            else:
-                read_potential(columns.potential, source, phi, p, count, weight, own_weight, psi)
-                filled = True
+    if potential is not None:
+        first, length, z = place[0], place[1], place[2]
+        n_types = pull.shape[0]
+        for t in range(n_types):
+            weight = pull[t, own]
+            if weight != 0:
+                own_weight = weight * phi.dtype.type(share and t == own)
+                source = np.uint64(first * n_types + (t * ROWS + row) * length + z)
+                if filled:
+                    add_potential(potential, source, phi, p, count, weight, own_weight, psi)
+                else:
+                    read_potential(potential, source, phi, p, count, weight, own_weight, psi)
+                    filled = True
     if not filled:
         clear_row(psi, p, count)
 
@@ -156,11 +157,11 @@ def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, p
     ----------
     i : int
     boxes, interaction, columns : Boxes, Interaction, Columns
-    whole : bool, fill the whole frame, not only what stencils on the band read
+    whole : bool, for stencils on the whole box, not only on the band
     pairs_start : (N,) where frames start in `pair_potential`, or None
     pair_potential : 1-D pool of `accumulate_pairs`, or None
-    phi : frame of the field
-    repulsion, psi : frames, overwritten; psi is None without attraction
+    phi : frame of the field, 0 in the halo
+    repulsion, psi : frames, overwritten where they are read; psi is None without attraction
     """
     ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
     nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
@@ -193,9 +194,10 @@ def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, p
             if psi is not None:
                 if pair_potential is not None and pulled:
                     copy_row(pair_potential, np.uint64(pairs_start[i]) + p, psi, p, sy)
-                if columns.potential is not None and place[0] >= 0:
+                if place[0] >= 0:
                     read_psi(
-                        place, row, sy, own, share, interaction, columns, phi, p, psi, pulled
-                    )
+                        place, row, sy, own, share, interaction.pull, columns.potential, phi, p,
+                        psi, pulled,
+                    )  # fmt: skip
                 elif not pulled:
                     clear_row(psi, p, sy)

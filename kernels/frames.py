@@ -1,9 +1,10 @@
-"""Frames: a thread's working copy of one cell's box, with a halo of zeros.
+"""Frames: a thread's working copy of one cell's box, with a halo around it.
 
 A frame has HALO more points at each end of each axis, so that stencils need no care at the faces
 and one plane of the band is one long run: rows y0 … y1 with the halos between them. What a run
-computes in those halos is dropped. Rows are rounded up to whole vectors. Frames are flat; point (x, y, z) of the box lies at
-`frame_index`, its neighbours `stride_x`, `stride_y` and 1 further on.
+computes in those halos is dropped. Outside of the band a frame is 0; where the whole box is worked
+on, the halo mirrors it. Rows are whole vectors long and begin on their boundaries. Frames are flat:
+point (x, y, z) of the box lies at `frame_index`, its neighbours along x, y, z at `strides` and 1.
 """
 
 import numpy as np
@@ -12,6 +13,8 @@ from morphosim.kernels._jit import inline_kernel, kernel
 
 HALO = 3
 """Reach of the widest stencil."""
+LEAD = 8
+"""Points before the first row, of whose halo they are a part."""
 
 
 @inline_kernel()
@@ -27,6 +30,11 @@ def frame_shapes(shape):
     return result
 
 
+def frame_sizes(shape):
+    """(N,) numbers of points of the frames; not a kernel."""
+    return (frame_shapes(shape).prod(axis=1) + 2 * LEAD + 15) & ~15
+
+
 @inline_kernel()
 def strides(i, boxes):
     """Steps between neighbours along x and y in cell i's frame."""
@@ -37,13 +45,14 @@ def strides(i, boxes):
 @inline_kernel()
 def frame_index(x, y, z, sx, sy):
     """Index in the frame of point (x, y, z) of the box."""
-    return (x + HALO) * sx + (y + HALO) * sy + z + HALO
+    return LEAD + (x + HALO) * sx + (y + HALO) * sy + z
 
 
 @kernel()
 def frame_size(i, boxes):
-    """Number of points of cell i's frame."""
-    return (boxes.shape[i, 0] + 2 * HALO) * strides(i, boxes)[0]
+    """Number of points of cell i's frame, whole cache lines."""
+    points = (boxes.shape[i, 0] + 2 * HALO) * strides(i, boxes)[0]
+    return (points + 2 * LEAD + 15) & ~15
 
 
 @inline_kernel()
@@ -57,7 +66,7 @@ def band_rows(x, i, boxes, whole):
 
 @inline_kernel()
 def run(x, i, boxes, whole, sx, sy):
-    """Frame indices [low, high) of the rows to work on in plane x; low >= high if there are none."""
+    """Frame indices [low, high) of the rows to work on in plane x; (1, 0) if there are none."""
     y0, y1 = band_rows(x, i, boxes, whole)
     if y0 >= y1:
         return np.uint64(1), np.uint64(0)
@@ -125,18 +134,22 @@ def mirrored(k, n):
 
 
 @kernel()
-def load_mirrored(i, pool, boxes, frame):
-    """Fill cell i's whole frame from its box, continued beyond the faces as cosine series are."""
+def mirror(i, boxes, frame):
+    """Fill the halo of a frame that holds cell i's whole box as cosine series continue it."""
     sx, sy = strides(i, boxes)
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    for x in range(nx):
+        for y in range(ny):
+            row = frame_index(x, y, 0, sx, sy)
+            for k in range(1, HALO + 1):
+                frame[row - k] = frame[row + k - 1]
+                frame[row + nz + k - 1] = frame[row + nz - k]
     for x in range(-HALO, nx + HALO):
         for y in range(-HALO, ny + HALO):
-            source = boxes.start[i] + (mirrored(x, nx) * ny + mirrored(y, ny)) * nz
-            goal = np.uint64(frame_index(x, y, 0, sx, sy))
-            copy_row(pool, np.uint64(source), frame, goal, nz)
-            for k in range(1, HALO + 1):
-                frame[goal - np.uint64(k)] = pool[source + k - 1]
-                frame[goal + np.uint64(nz + k - 1)] = pool[source + nz - k]
+            if not (0 <= x < nx and 0 <= y < ny):
+                source = frame_index(mirrored(x, nx), mirrored(y, ny), -HALO, sx, sy)
+                goal = frame_index(x, y, -HALO, sx, sy)
+                copy_row(frame, np.uint64(source), frame, np.uint64(goal), nz + 2 * HALO)
 
 
 @kernel()

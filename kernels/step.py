@@ -21,7 +21,7 @@ from morphosim.kernels.frames import (
     copy_row,
     frame_index,
     load,
-    load_mirrored,
+    mirror,
     strides,
     unload,
 )
@@ -40,33 +40,32 @@ def prepare(
     frames, stencil, scheme, half, use_repulsion, use_psi, use_start,
 ):  # fmt: skip
     """Fill cell i's frames: field, what acts on it, right-hand side, next history and start."""
-    if whole:
-        load_mirrored(i, phi, boxes, frames[PHI])
-    else:
-        clear(i, boxes, whole, frames[PHI])
-        load(i, phi, boxes, whole, frames[PHI])
+    clear(i, boxes, whole, frames[PHI])
+    load(i, phi, boxes, whole, frames[PHI])
     memory = choose(frames[HISTORY], history)
     if history is not None:
         load(i, history, boxes, whole, memory)
     start = choose(frames[START], use_start)
     if use_start is not None:
         clear(i, boxes, whole, start)
-    if use_repulsion is None:
-        right_hand_side(
-            i, boxes, whole, terms, terms.drift, frames[PHI], None, frames[RHS], memory, start,
-            stencil, scheme, half, None,
-        )  # fmt: skip
-    elif columns.felt[i]:
-        psi = choose(frames[PSI], use_psi)
-        gather(
-            i, boxes, whole, interaction, columns, pairs_start, pair_potential, frames[PHI],
-            frames[RHS], psi,
-        )  # fmt: skip
-        right_hand_side(
-            i, boxes, whole, terms, terms.drift, frames[PHI], psi, frames[RHS], memory, start,
-            stencil, scheme, half, True,
-        )  # fmt: skip
-    else:
+    felt = False
+    if use_repulsion is not None:
+        felt = columns.felt[i]
+        if felt:
+            psi = choose(frames[PSI], use_psi)
+            gather(
+                i, boxes, whole, interaction, columns, pairs_start, pair_potential, frames[PHI],
+                frames[RHS], psi,
+            )  # fmt: skip
+            if whole:
+                mirror(i, boxes, frames[PHI])
+            right_hand_side(
+                i, boxes, whole, terms, terms.drift, frames[PHI], psi, frames[RHS], memory, start,
+                stencil, scheme, half, True,
+            )  # fmt: skip
+    if not felt:
+        if whole:
+            mirror(i, boxes, frames[PHI])
         right_hand_side(
             i, boxes, whole, terms, terms.drift, frames[PHI], None, frames[RHS], memory, start,
             stencil, scheme, half, None,
@@ -87,12 +86,14 @@ def settle(i, boxes, found, out, surveys):
 
 @kernel()
 def accept_box(i, phi, values, boxes, limits, found, out, surveys):
-    """Survey the new field of cell i, given as its whole box, and store it."""
+    """Survey the new field of cell i, given as its whole box, and store it; tell if it is sound."""
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
     survey(values, 0, ny * nz, nz, nx, ny, nz, found, True, limits, found, out)
     widen(found, GUARD, nx, ny)
-    if settle(i, boxes, found, out, surveys):
+    sound = settle(i, boxes, found, out, surveys)
+    if sound:
         phi[boxes.start[i] : boxes.start[i] + nx * ny * nz] = values[: nx * ny * nz]
+    return sound
 
 
 @kernel()
@@ -158,16 +159,17 @@ def step_transform(
                 i, phi, history, boxes, True, terms, interaction, columns, pairs_start,
                 pair_potential, frames, stencil, scheme, limits.half, use_repulsion, use_psi, None,
             )  # fmt: skip
-            keep_history(i, history, boxes, frames[HISTORY])
             unload(i, frames[RHS], boxes, frames[START])
             helmholtz_solve(
                 frames[START], frames[PSI], frames[PHI],
                 boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
                 cosines, scheme.lhs, terms.gamma[i],
             )  # fmt: skip
-            accept_box(
+            sound = accept_box(
                 i, phi, frames[START], boxes, limits, found[worker], measured[worker], surveys
             )
+            if sound:
+                keep_history(i, history, boxes, frames[HISTORY])
 
 
 @kernel()

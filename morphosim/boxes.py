@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from morphosim.kernels.boxes import (
-    BAD, FACE, N_SURVEYED, clear_outside, extents, move_box, survey, widen,
+    BAD,
+    FACE,
+    N_SURVEYED,
+    clear_outside,
+    extents,
+    move_box,
+    survey,
+    widen,
 )  # fmt: skip
 from morphosim.kernels.layout import Boxes, Limits
 from morphosim.kernels.step import GUARD

@@ -20,7 +20,7 @@ from morphosim.interactions import Interactions
 from morphosim.kernels import step as kernels
 from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE, N_SURVEYED, TOTAL
 from morphosim.kernels.columns import accumulate
-from morphosim.kernels.frames import frame_shapes
+from morphosim.kernels.frames import frame_sizes
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.noise import normal_vectors
@@ -235,10 +235,10 @@ class Engine:
     def _reserve(self) -> None:
         """Work space for the largest box, and pools that only some scenes need."""
         shape = self.pool.shape
-        frames = frame_shapes(shape).prod(axis=1)
+        frames = frame_sizes(shape)
         size, planes = max(frames.max(), COLUMNS * shape.max()), shape[:, 0].max()
         if self._work.shape[2] < size:
-            self._work = np.zeros((self.workers, kernels.N_FRAMES, size), self.dtype)
+            self._work = _aligned_zeros((self.workers, kernels.N_FRAMES, size), self.dtype)
         if self._found.shape[1] < planes:
             self._found = np.zeros((self.workers, planes, 2), np.int32)
         pairs = self._interactions.pairs
@@ -260,7 +260,9 @@ class Engine:
         if not self._coupled:
             return
         phi, boxes = self.pool.phi, self.pool.boxes
-        accumulate(self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.columns)
+        accumulate(
+            self._cover.lists, phi, boxes, self._interactions.interaction, self._cover.columns
+        )
         if self._interactions.pairs is not None:
             accumulate_pairs(
                 self._bounds, self._order, self._interactions.pairs, phi, boxes,
@@ -398,6 +400,14 @@ def _largest_first(cost: NDArray[np.float64], workers: int) -> list[NDArray[np.i
         lists[worker].append(i)
         heapq.heappush(loads, (load + cost[i], worker))
     return [np.array(items, np.int64) for items in lists]
+
+
+def _aligned_zeros(shape: tuple[int, ...], dtype: np.dtype) -> NDArray[np.floating]:
+    """Zeros that begin on a cache line."""
+    line = 64 // dtype.itemsize
+    values = np.zeros(int(np.prod(shape)) + line, dtype)
+    skip = -values.ctypes.data % 64 // dtype.itemsize
+    return values[skip : skip + int(np.prod(shape))].reshape(shape)
 
 
 def _checked_threads(threads: int) -> int:

@@ -48,7 +48,7 @@ def largest_eigenvalue(order: int, spacing: float) -> float:
     """Largest eigenvalue of -Δ by the stencil of this order, in three dimensions."""
     weights = LAPLACIAN_COEFFICIENTS[order]
     alternating = sum(w * (-1) ** m for m, w in enumerate(weights[1:], 1))
-    return -3 * (weights[0] + 2 * alternating) / spacing**2
+    return float(-3 * (weights[0] + 2 * alternating) / spacing**2)
 
 
 def sweep_roots(lhs: float, interface: float, top: float, sweeps: int) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ perturbation flips its sign at every step and grows unless
     S > 3/4 f - τ/δt   ("bdf2", Eq. 9)        S > 1/2 f - τ/δt   ("imex1", Eq. 8)
 
 which follows from φⁿ⁺¹ = -φⁿ in Eq. 9 and 8 with the force -f φ and no diffusion. "euler" has no S;
-its diffusion is explicit too: δt < 2τ / (f + γ k²), k² = 18.1/h² the largest eigenvalue of -Δ (order 6).
+its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenvalue of -Δ (18.1 / h²).
 `benchmarks/stability.py` measures how well this holds, and the limits of what has no such theory.
 """
 

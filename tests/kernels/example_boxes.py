@@ -16,7 +16,7 @@ from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
 from morphosim import kernels
-from morphosim.kernels.frames import HALO, clear, frame_size, load, strides
+from morphosim.kernels.frames import HALO, LEAD, clear, frame_size, load, strides
 from morphosim.kernels.layout import Boxes, Stencil
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 
@@ -159,7 +159,8 @@ def mirrored(boxes: Boxes, i: int, pool: NDArray) -> NDArray:
 def grid(frame: NDArray, boxes: Boxes, i: int) -> NDArray:
     """A frame of cell i as a 3-D view, with the halo and what its rows are rounded up by."""
     sx, sy = strides(i, boxes)
-    return frame[: frame_size(i, boxes)].reshape(-1, sx // sy, sy)
+    first, planes = LEAD - HALO, boxes.shape[i, 0] + 2 * HALO
+    return frame[first : first + planes * sx].reshape(planes, sx // sy, sy)
 
 
 def with_halo(frame: NDArray, boxes: Boxes, i: int) -> NDArray:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from morphosim.kernels._jit import choose, kernel
 from morphosim.kernels.frames import (
     HALO,
+    LEAD,
     band_rows,
     clear,
     clear_row,
@@ -14,8 +15,9 @@ from morphosim.kernels.frames import (
     frame_index,
     frame_shapes,
     frame_size,
+    frame_sizes,
     load,
-    load_mirrored,
+    mirror,
     reach,
     run,
     strides,
@@ -52,7 +54,7 @@ def test_a_frame_holds_the_box_and_its_halo(way: str) -> None:
         assert sx >= (ny + 2 * HALO) * sy
         first = taken(frame_index, way)(-HALO, -HALO, -HALO, sx, sy)
         last = taken(frame_index, way)(nx + HALO - 1, ny + HALO - 1, nz + HALO - 1, sx, sy)
-        assert first == 0
+        assert first == LEAD - HALO
         assert last < taken(frame_size, way)(i, boxes)
 
 
@@ -105,7 +107,8 @@ def test_beyond_its_faces_a_whole_field_is_mirrored(way: str) -> None:
     for i in CELLS:
         box(pool, boxes, i)[:] = np.random.default_rng(23).random(boxes.shape[i])
         frame = empty_frame(boxes, i, more=4)
-        taken(load_mirrored, way)(i, pool, boxes, frame)
+        taken(load, way)(i, pool, boxes, True, frame)
+        taken(mirror, way)(i, boxes, frame)
         expected = np.pad(box(pool, boxes, i), HALO, mode="symmetric")
         np.testing.assert_array_equal(with_halo(frame, boxes, i), expected)
         assert np.isnan(frame[-4:]).all()
@@ -141,8 +144,10 @@ def test_reach_is_the_hull_of_what_stencils_read(way: str) -> None:
 def test_frame_shapes_are_those_of_the_frames() -> None:
     boxes, _ = make_boxes(seed=20)
     before = boxes.shape.copy()
-    sizes = frame_shapes(boxes.shape).prod(axis=1)
+    sizes = frame_sizes(boxes.shape)
     assert sizes.tolist() == [frame_size(i, boxes) for i in CELLS]
+    rows = frame_shapes(boxes.shape)[:, 1:]
+    assert rows.tolist() == [[sx // sy, sy] for sx, sy in (strides(i, boxes) for i in CELLS)]
     np.testing.assert_array_equal(boxes.shape, before)
 
 

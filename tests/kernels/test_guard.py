@@ -12,7 +12,7 @@ from numba.core.registry import CPUDispatcher
 from morphosim import kernels
 from morphosim.kernels._jit import FAST_MATH
 
-NOT_KERNELS = {"frames.frame_shapes"}
+NOT_KERNELS = {"frames.frame_shapes", "frames.frame_sizes"}
 """Helpers of the host that belong beside the kernels."""
 MODULES = [f"{kernels.__name__}.{found.name}" for found in pkgutil.iter_modules(kernels.__path__)]
 
