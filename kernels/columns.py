@@ -126,14 +126,14 @@ def add_potential(sums, first, phi, p, count, weight, own_weight, psi):
 
 
 @inline_kernel()
-def read_psi(place, row, count, own, share, pull, potential, phi, p, psi, filled):
-    """ψ along one row of a frame from its column.
+def read_psi(first, length, z, row, count, own, share, pull, potential, phi, p, psi, filled):
+    """ψ along one row of a frame from row `row` of its column.
 
-    `share` tells whether the cell itself is in the sums of this row, `filled` whether ψ has other
-    contributions already.
+    The column starts at `first` in the pools and is `length` long; the frame's row begins at its
+    z-th point. `share` tells whether the cell itself is in the sums of this row, `filled` whether
+    ψ has other contributions already.
     """
     if potential is not None:
-        first, length, z = place[0], place[1], place[2]
         n_types = pull.shape[0]
         for t in range(n_types):
             weight = pull[t, own]
@@ -180,24 +180,25 @@ def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, p
         column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
         for y in range(low, high):
             ly = oy + HALO + y
-            place = cover[column + (ly >> SHIFT) - (oy >> SHIFT)]
+            k = column + (ly >> SHIFT) - (oy >> SHIFT)
+            first, length, z = cover[k, 0], cover[k, 1], cover[k, 2]
             row, share = row_of(lx, ly), y0 <= y < y1
             p = np.uint64(frame_index(x, y, -HALO, sx, sy))
             if w0 <= y < w1:
-                if place[0] < 0:
+                if first < 0:
                     clear_row(repulsion, p, sy)
                 else:
-                    source = np.uint64(place[0] + row * place[1] + place[2])
+                    source = np.uint64(first + row * length + z)
                     read_repulsion(
                         columns.repulsion, source, phi, p, sy, phi.dtype.type(share) * g, repulsion
                     )
             if psi is not None:
                 if pair_potential is not None and pulled:
                     copy_row(pair_potential, np.uint64(pairs_start[i]) + p, psi, p, sy)
-                if place[0] >= 0:
+                if first >= 0:
                     read_psi(
-                        place, row, sy, own, share, interaction.pull, columns.potential, phi, p,
-                        psi, pulled,
+                        first, length, z, row, sy, own, share, interaction.pull,
+                        columns.potential, phi, p, psi, pulled,
                     )  # fmt: skip
                 elif not pulled:
                     clear_row(psi, p, sy)

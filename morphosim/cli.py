@@ -34,7 +34,7 @@ def run(
     preset: Annotated[
         str | None,
         typer.Option(
-            help="draft, standard, reference or published; replaces the numerics of the scene"
+            help="draft, fast, standard, reference or published; replaces the scene's numerics"
         ),
     ] = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,

@@ -40,17 +40,19 @@ class Numerics:
         after a stabilised start velocities take S δt/τ steps to build up. Start a smooth state
         that is already in motion with 0.
     solver : {"dct", "band"}
-        How (a - γΔ) is inverted: exactly, by cosine transforms of each box, or by `sweeps` over the
-        band, where the field is not 0, from an extrapolated start (see `sweeps`). Not used by
-        "euler".
+        How the implicit step is solved: exactly, by cosine transforms of each box, or by `sweeps`
+        over the band, the rows where the field is not 0. Not used by "euler", which is explicit
+        and works on the band.
     sweeps : int
-        Least number of sweeps of the "band" solver; more are taken where fewer would not converge.
+        Least number of sweeps of the "band" solver; more are taken where fewer would not converge
+        (see `schemes.sweep_roots`).
     spacing : float
         Lattice spacing in µm.
     order : {2, 4, 6}
         Order of the gradient stencil.
     laplacian : {"exact", "stencil"}
-        Symbol of the Laplacian: -k², or that of the second-difference stencil of `order`.
+        Symbol of the "dct" solver's Laplacian: -k², or that of the second-difference stencil of
+        `order`, which the band always has.
     walls : {"resolved", "stepped"}
         How a hard wall (a confinement whose `width` is 0) lies on the lattice: as a wall that the
         lattice resolves and that repels alike (see `walls`), or, as published, as 0 or 1 at each
@@ -61,7 +63,7 @@ class Numerics:
     precision : {"single", "double"}
         Type of the fields. Volumes are summed in double precision.
     transform : {"matrix", "pyfftw", "scipy"}
-        Cosine transform: dense matrices through BLAS, FFTW or SciPy.
+        Cosine transform of the "dct" solver: dense matrices through BLAS, FFTW or SciPy.
     threads : int
         Number of threads; 0 takes all the processors available. The result does not depend on it.
     seed : int
