@@ -154,10 +154,10 @@ def main() -> None:
     if options.long:
         report(long_run(), options.json)
         return
-    rows = errors()
-    report(rows, options.json)
+    report(errors(), options.json)
     print()
-    report(limits(), None)
+    path = options.json
+    report(limits(), path and path.with_stem(f"{path.stem}-limits"))
 
 
 if __name__ == "__main__":

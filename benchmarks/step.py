@@ -1,7 +1,7 @@
 """Time and memory of a step: close-packed cells, 1 and 2 threads, near and far pairs.
 
-Run as `python benchmarks/step.py`. All variants run in turn in one process. As a control of the
-machine, the same scene on one thread is also timed in one process and in two at once, which share
+Run as `python benchmarks/step.py` (`--solver band` for the band solver). All variants run in turn
+in one process. As a control of the machine, the same scene on one thread is also timed in one process and in two at once, which share
 nothing: two threads cannot gain more than two processes do.
 """
 
@@ -16,9 +16,9 @@ from _scenes import adhering
 from morphosim import Simulation
 
 
-def pair(distance: float) -> Simulation:
+def pair(distance: float, solver: str) -> Simulation:
     """Two cells of R = 4 µm with their centres `distance` µm apart."""
-    return Simulation(adhering(distance).with_numerics(dt=1.5))
+    return Simulation(adhering(distance).with_numerics(dt=1.5, solver=solver))
 
 
 def row(name: str, simulation: Simulation, seconds: float) -> dict[str, Any]:
@@ -66,14 +66,14 @@ def machine_gain(cells: int) -> float:
 
 def main() -> None:
     """Measure and report."""
-    options = arguments(__doc__, cells=100, many=1000, rounds=15)
+    options = arguments(__doc__, cells=100, many=1000, rounds=15, solver="dct")
     few, many = f"{options.cells} cells", f"{options.many} cells"
     simulations = {
-        (few, 1): Simulation(packed_scene(options.cells, threads=1)),
-        (few, 2): Simulation(packed_scene(options.cells, threads=2)),
-        (many, 2): Simulation(packed_scene(options.many, threads=2)),
-        ("touching pair", 2): pair(8.0),
-        ("pair 10 mm apart", 2): pair(10_000.0),
+        (few, 1): Simulation(packed_scene(options.cells, threads=1, solver=options.solver)),
+        (few, 2): Simulation(packed_scene(options.cells, threads=2, solver=options.solver)),
+        (many, 2): Simulation(packed_scene(options.many, threads=2, solver=options.solver)),
+        ("touching pair", 2): pair(8.0, options.solver),
+        ("pair 10 mm apart", 2): pair(10_000.0, options.solver),
     }
     medians = alternating_medians(
         {str(key): stepper(s) for key, s in simulations.items()}, options.rounds
