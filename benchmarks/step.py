@@ -1,8 +1,8 @@
 """Time and memory of a step: close-packed cells, 1 and 2 threads, near and far pairs.
 
 Run as `python benchmarks/step.py` (`--solver band` for the band solver). All variants run in turn
-in one process. As a control of the machine, the same scene on one thread is also timed in one process and in two at once, which share
-nothing: two threads cannot gain more than two processes do.
+in one process. As a control of the machine, the same scene on one thread is also timed in one
+process and in two at once, which share nothing: two threads cannot gain more than two processes do.
 """
 
 import multiprocessing
