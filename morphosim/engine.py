@@ -68,7 +68,8 @@ class Engine:
     fresh : bool
         Whether the next step has no history and is of first order.
     face_peak : (N,) float64
-        Certificate: largest |φ| seen on the faces of each cell's box.
+        Certificate: largest |φ| seen on the faces of each cell's box, and on the edge of the band
+        where the solver works on that alone.
     """
 
     def __init__(
@@ -127,7 +128,7 @@ class Engine:
 
     @property
     def lost_volume(self) -> NDArray[np.float64]:
-        """Certificate: ∫ φ that moving boxes has cut off each cell since the start, µm³."""
+        """Certificate: ∫ φ that moving boxes and bands has cut off each cell so far, µm³."""
         return np.asarray(self.pool.lost * self.numerics.spacing**3)
 
     @property

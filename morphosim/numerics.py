@@ -121,6 +121,7 @@ class Numerics:
         to "standard", measured by `benchmarks/accuracy.py`:
 
         - "draft": h = 2/3 µm, δt = 4, box tolerance 3e-3; 66 nm, 0.26 times
+        - "fast": "standard" with the band solver; within 3 nm of it, 0.5 times
         - "standard": the defaults; 24 nm
         - "reference": h = 1/3 µm, δt = 0.5; 2.4 nm, 15 times
         - "published": S = 12, stepped walls, as the published program; 102 nm, 1.2 times
