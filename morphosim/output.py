@@ -25,8 +25,11 @@ _PER_CELL = {
     "volume": ("um3", "volume, integral of phi"),
     "target_volume": ("um3", "target volume V(t)"),
     "core_volume": ("um3", "volume where phi exceeds 1/2"),
-    "face_peak": ("1", "largest |phi| on the faces of the cell's box, or the edge of its band, since the start"),
-    "lost_volume": ("um3", "integral of phi cut off by moving the box, or its band, since the start"),
+    "face_peak": (
+        "1",
+        "largest |phi| so far at the faces of the cell's box or band",
+    ),
+    "lost_volume": ("um3", "integral of phi cut off by moving the box or band so far"),
 }
 
 
