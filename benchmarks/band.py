@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from _common import arguments, report
 from _scenes import adhering, embryo, relaxing, walled
+from stability import bisect
 
 from morphosim import Scene, Simulation, StabilityWarning, stability
 from morphosim.contacts import touching
 from morphosim.errors import SimulationError
+from morphosim.numerics import PRESETS
 
 SCENES = {
     "relaxing": (relaxing(), 120.0),
@@ -30,7 +32,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "4 sweeps": {"sweeps": 4},
     "tolerance 3e-3": {"box_tolerance": 3e-3},
     "tolerance 1e-4": {"box_tolerance": 1e-4},
-    "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
+    "draft": PRESETS["draft"],
 }
 LEAST_S = {
     "dt = 0.5": {"dt": 0.5},
@@ -92,14 +94,7 @@ def stable(scene: Scene, until: float, **numerics: Any) -> bool:
 
 def least_S(scene: Scene, until: float, **numerics: Any) -> float:
     """Least stable S, to 3/8."""
-    low, high = 0.0, 24.0
-    for _ in range(6):
-        middle = 0.5 * (low + high)
-        if stable(scene, until, S=middle, **numerics):
-            high = middle
-        else:
-            low = middle
-    return high
+    return bisect(lambda S: stable(scene, until, S=S, **numerics), 24.0, 0.0, close=0.375)
 
 
 def limits() -> list[dict[str, Any]]:
