@@ -30,9 +30,15 @@ def frame_shapes(shape):
     return result
 
 
+@inline_kernel()
+def frame_length(points):
+    """Length of a frame of so many points: with what leads and ends it, in whole cache lines."""
+    return (points + 2 * LEAD + 15) & ~15
+
+
 def frame_sizes(shape):
-    """(N,) numbers of points of the frames; not a kernel."""
-    return (frame_shapes(shape).prod(axis=1) + 2 * LEAD + 15) & ~15
+    """(N,) lengths of the frames of boxes of these shapes (N, 3); not a kernel."""
+    return frame_length.py_func(frame_shapes(shape).prod(axis=1))
 
 
 @inline_kernel()
@@ -50,9 +56,8 @@ def frame_index(x, y, z, sx, sy):
 
 @kernel()
 def frame_size(i, boxes):
-    """Number of points of cell i's frame, whole cache lines."""
-    points = (boxes.shape[i, 0] + 2 * HALO) * strides(i, boxes)[0]
-    return (points + 2 * LEAD + 15) & ~15
+    """Length of cell i's frame."""
+    return frame_length((boxes.shape[i, 0] + 2 * HALO) * strides(i, boxes)[0])
 
 
 @inline_kernel()
