@@ -8,12 +8,12 @@ from typing import Any
 
 from morphosim.bench import (
     alternating_medians,
-    machine,
     packed_points,
     packed_scene,
     stepper,
     table,
 )
+from morphosim.machine import machine
 
 __all__ = [
     "alternating_medians", "arguments", "machine", "markdown_table", "packed_points",

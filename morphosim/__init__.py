@@ -24,15 +24,17 @@ _EXPORTS = {
     "touching": "contacts",
     "CellVanishedError": "errors",
     "DivergenceError": "errors",
+    "SaveError": "errors",
     "built_in_scene": "library",
     "scene_names": "library",
     "import_matlab": "matlab",
     "Numerics": "numerics",
-    "RunWriter": "output",
-    "load_fields": "output",
-    "open_run": "output",
     "Physics": "physics",
     "ProgressBar": "progress",
+    "pack": "runs.pack",
+    "load_fields": "runs.reader",
+    "open_run": "runs.reader",
+    "RunWriter": "runs.writer",
     "Cell": "scene",
     "Scene": "scene",
     "VolumeCourse": "scene",
@@ -50,13 +52,15 @@ if TYPE_CHECKING:
     from morphosim.attraction import Attraction
     from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
     from morphosim.contacts import contact_areas, touching
-    from morphosim.errors import CellVanishedError, DivergenceError
+    from morphosim.errors import CellVanishedError, DivergenceError, SaveError
     from morphosim.library import built_in_scene, scene_names
     from morphosim.matlab import import_matlab
     from morphosim.numerics import Numerics
-    from morphosim.output import RunWriter, load_fields, open_run
     from morphosim.physics import Physics
     from morphosim.progress import ProgressBar
+    from morphosim.runs.pack import pack
+    from morphosim.runs.reader import load_fields, open_run
+    from morphosim.runs.writer import RunWriter
     from morphosim.scene import Cell, Scene, VolumeCourse
     from morphosim.scenefile import load_scene, save_scene
     from morphosim.shapes import Ellipsoid, Field, Mask, Sphere
@@ -67,9 +71,9 @@ __version__ = version("morphosim")
 __all__ = [
     "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
     "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Numerics", "Physics",
-    "ProgressBar", "RunWriter", "Scene", "Simulation", "Sphere", "StabilityWarning", "VolumeCourse",
-    "__version__", "built_in_scene", "contact_areas", "import_matlab", "load_fields",
-    "load_scene", "open_run", "save_scene", "scene_names", "touching",
+    "ProgressBar", "RunWriter", "SaveError", "Scene", "Simulation", "Sphere", "StabilityWarning",
+    "VolumeCourse", "__version__", "built_in_scene", "contact_areas", "import_matlab",
+    "load_fields", "load_scene", "open_run", "pack", "save_scene", "scene_names", "touching",
 ]  # fmt: skip
 
 

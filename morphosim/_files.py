@@ -1,7 +1,9 @@
-"""Reading files of other programs: clear errors for what is missing or damaged."""
+"""Files: clear errors for what is missing or damaged, and files that appear whole or not at all."""
 
 import importlib
-from collections.abc import Callable, Iterable, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -41,3 +43,33 @@ def need(package: str, path: Path) -> Any:
 def listed(names: Sequence[str]) -> str:
     """Names as a text for an error."""
     return ", ".join(repr(name) for name in names) if names else "(none)"
+
+
+PARTIAL = ".partial"
+"""Ending of a file that is being written."""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Path of a file to write; when this ends, it stands at `path`, all at once and on disk.
+
+    Killed within, the file at `path` is what it was before; so it is if writing fails.
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    try:
+        yield partial
+        _sync(partial, os.O_RDWR)
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    if hasattr(os, "O_DIRECTORY"):  # where the system can, the folder's list of names too
+        _sync(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+
+
+def _sync(path: Path, flags: int) -> None:
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

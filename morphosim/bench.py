@@ -1,13 +1,10 @@
 """Where a machine stands: time per step, memory per cell, bandwidth; behind `morphosim bench`."""
 
 import os
-import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +12,10 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.library import built_in_scene
+from morphosim.machine import machine
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
+from morphosim.progress import Tell
 from morphosim.scene import Cell, Scene
 from morphosim.shapes import Sphere
 from morphosim.simulation import Simulation
@@ -55,10 +54,6 @@ MEASURED: dict[str, str | float | None] = {
     "celegans-8, standard, 2 threads, ms per step": 9.11,
 }
 """What `morphosim bench` gave on the developers' machine; None: not measured, not shown."""
-
-Tell = Callable[[str, int, int], None]
-"""Told what is done, how much of it is done, and of how much."""
-
 
 @dataclass(frozen=True)
 class Variant:
@@ -182,52 +177,6 @@ def text(result: Mapping[str, Any]) -> str:
             for name, value in known.items()
         ]
     return "\n".join(lines)
-
-
-@contextmanager
-def progress_line() -> Iterator[Tell]:
-    """Bar on standard error, removed at the end; gives the function to be told."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True,
-    ) as bar:  # fmt: skip
-        tasks: dict[str, Any] = {}
-
-        def tell(what: str, done: int, of: int) -> None:
-            if what not in tasks:
-                for task in tasks.values():
-                    bar.update(task, visible=False)
-                tasks[what] = bar.add_task(what, total=of)
-            bar.update(tasks[what], completed=done, total=of)
-
-        yield tell
-
-
-def machine() -> dict[str, Any]:
-    """Processor, memory, system and library versions of this machine."""
-    import numba
-    import scipy
-    from threadpoolctl import threadpool_info
-
-    cpu = platform.processor()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-        cpu = f"{len(names)} x {names[0].partition(':')[2].strip()}" if names else cpu
-    blas = [f"{b['internal_api']} {b.get('architecture', '')}" for b in threadpool_info()]
-    return {
-        "cpu": cpu,
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "numba": numba.__version__,
-        "thread pools": sorted({pool.strip() for pool in blas}),
-    }
 
 
 def copy_bandwidth(threads: int = 1, megabytes: int = 256, copies: int = 5) -> float:

@@ -1,6 +1,6 @@
 """Moving boxes: where each cell's subgrid lies, and the pools that hold the fields."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -142,6 +142,42 @@ class BoxPool:
             if self.history is not None:
                 self.box(i, self.history)[:] = 0
             self.survey(i)
+
+    def contents(self) -> dict[str, NDArray]:
+        """All that `restore` needs, box after box in the order of the cells."""
+        held = {"phi": self.phi} if self.history is None else {
+            "phi": self.phi, "history": self.history,
+        }  # fmt: skip
+        everything = range(len(self))
+        bands = [
+            self.band[first : first + n]
+            for first, n in zip(self.plane_start, self.shape[:, 0], strict=True)
+        ]
+        return {
+            name: np.concatenate([self.box(i, pool).ravel() for i in everything])
+            for name, pool in held.items()
+        } | {
+            "band": np.concatenate(bands), "origin": self.origin.copy(),
+            "shape": self.shape.copy(), "lost": self.lost.copy(), "surveys": self.surveys.copy(),
+        }  # fmt: skip
+
+    def restore(self, contents: Mapping[str, NDArray]) -> None:
+        """Hold exactly the boxes of `contents`, instead of the present ones."""
+        for name in ("origin", "shape", "lost", "surveys"):
+            setattr(self, name, np.array(contents[name]))
+        self._slots, self._planes = Slots(), Slots()
+        self.start = np.array([self._slots.take(int(n)) for n in self.sizes()], np.int64)
+        self.plane_start = np.array([self._planes.take(int(n)) for n in self.shape[:, 0]], np.int64)
+        self._reserve()
+        sizes = self.sizes()
+        ends, planes = np.cumsum(sizes), np.cumsum(self.shape[:, 0])
+        for i in range(len(self)):
+            box, rows = slice(ends[i] - sizes[i], ends[i]), int(self.shape[i, 0])
+            self.box(i)[:] = contents["phi"][box].reshape(self.shape[i])
+            if self.history is not None:
+                self.box(i, self.history)[:] = contents["history"][box].reshape(self.shape[i])
+            first = int(self.plane_start[i])
+            self.band[first : first + rows] = contents["band"][planes[i] - rows : planes[i]]
 
     def remove(self, i: int) -> None:
         """Drop cell i; cells behind it move up by one."""

@@ -1,6 +1,7 @@
 """Command line: `morphosim COMMAND --help` tells what each command takes."""
 
 import json
+import signal
 import sys
 import tomllib
 import warnings
@@ -29,8 +30,12 @@ def scenes() -> None:
 
 @app.command()
 def run(
-    scene: Annotated[str, typer.Argument(help="built-in scene, scene file, or its directory")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="directory of the run")],
+    scene: Annotated[
+        str | None, typer.Argument(help="built-in scene, scene file, or its directory")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="directory of the run")
+    ] = None,
     preset: Annotated[
         str | None,
         typer.Option(
@@ -45,8 +50,17 @@ def run(
         list[str] | None,
         typer.Option("--set", help="any value of the scene, as physics.gamma=0.3; repeatable"),
     ] = None,
+    from_: Annotated[
+        Path | None, typer.Option("--from", help="start from the fields of this saved run")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(help="with --from: the save to start from; the last by default")
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="go on with this run, to the same end, bit for bit")
+    ] = None,
 ) -> None:
-    """Simulate a scene and save the run."""
+    """Simulate a scene and save the run, or go on with a saved one."""
     from morphosim.library import find_scene
 
     overrides = _overrides(set_ or [])
@@ -56,7 +70,16 @@ def run(
     ):  # fmt: skip
         if value is not None:
             overrides[key] = value
-    _simulate(find_scene(scene, overrides), output)
+    if resume is not None:
+        _check_resume([scene, output, from_, time], overrides)
+        _resume(resume, overrides)
+    if scene is None or output is None:
+        message = "run needs a scene and --output, or --resume and the directory of a run"
+        raise ValueError(message)
+    if from_ is None and time is not None:
+        message = f"--time {time:g} says from which save of a run to start; give the run by --from"
+        raise ValueError(message)
+    _simulate(find_scene(scene, overrides), output, from_, time)
 
 
 def _overrides(settings: list[str]) -> dict[str, Any]:
@@ -74,24 +97,73 @@ def _overrides(settings: list[str]) -> dict[str, Any]:
     return result
 
 
-def _simulate(scene: "Scene", output: Path) -> None:
-    """Run a scene with output and progress; end with a summary, whatever happens."""
-    from morphosim.errors import SimulationError
-    from morphosim.output import RunWriter
-    from morphosim.progress import ProgressBar
+def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
+    """Raise ValueError if a run that goes on is asked to change."""
+    changed = [key for key in overrides if key not in ("duration", "numerics.threads")]
+    if changed or any(value is not None for value in others):
+        what = f": {', '.join(changed)} cannot change" if changed else ""
+        message = (
+            f"--resume goes with --until and --threads alone{what}; to change more, start a new "
+            "run from the saved one: morphosim run SCENE --from DIR -o NEW"
+        )
+        raise ValueError(message)
+
+
+def _resume(directory: Path, overrides: dict[str, Any]) -> None:
+    """Go on with a run; a later end is written to its scene file."""
+    from dataclasses import replace
+
+    from morphosim.runs.files import RunDirectory
+    from morphosim.runs.resume import saved_state
     from morphosim.scenefile import save_scene
     from morphosim.simulation import Simulation
 
-    simulation = Simulation(scene)
-    writer = RunWriter(output, scene.save_every)
-    save_scene(scene, output / "scene.toml")
+    scene, snapshot = saved_state(directory)
+    end = overrides.get("duration", scene.duration)
+    if end > scene.duration:
+        files = RunDirectory(directory)
+        with files.locked():
+            save_scene(replace(scene, duration=end), files.scene)
+    threads = overrides.get("numerics.threads", scene.numerics.threads)
+    scene = replace(scene, duration=end).with_numerics(threads=threads)
+    _go(Simulation(scene, snapshot), directory, resume=True)
+
+
+def _simulate(scene: "Scene", output: Path, source: Path | None, time: float | None) -> None:
+    """Simulate a scene from its start, or from a save of another run."""
+    from morphosim.simulation import Simulation
+
+    if source is None:
+        simulation = Simulation(scene)
+    else:
+        simulation = Simulation.from_run(source, scene=scene, time=time)
+    _go(simulation, output)
+
+
+def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
+    """Run with output and progress; end with a summary, whatever happens."""
+    from morphosim.errors import SaveError, SimulationError
+    from morphosim.progress import ProgressBar
+    from morphosim.runs.writer import RunWriter
+
+    scene = simulation.scene
+    writer = RunWriter(
+        output, scene.save_every, fields=scene.save_fields, labels=scene.save_labels, resume=resume
+    )
     bar = ProgressBar(scene.duration)
     status = 0
     try:
         simulation.run(observers=[writer, bar])
     except KeyboardInterrupt:
-        typer.echo(f"interrupted at t = {simulation.time:g}; saved", err=True)
+        kept = "saved" if simulation.engine.whole else "the saves before are kept"
+        typer.echo(
+            f"interrupted at t = {simulation.time:g}; {kept}. "
+            f"Go on with: morphosim run --resume {output}", err=True
+        )  # fmt: skip
         status = INTERRUPTED
+    except SaveError as error:
+        typer.echo(f"error: {error}", err=True)
+        status = RUN_ERROR
     except SimulationError as error:
         typer.echo(f"error: {error}. The last state is saved", err=True)
         status = RUN_ERROR
@@ -127,7 +199,7 @@ def info(
     directory: Annotated[Path, typer.Argument(help="directory of a run")],
 ) -> None:
     """Say what a run holds."""
-    from morphosim.output import open_run
+    from morphosim.runs.reader import open_run
 
     with open_run(directory) as data:
         times = data["time"].values
@@ -138,7 +210,7 @@ def info(
         for k, name in enumerate(data["cell"].values):
             x, y, z = last["centroid"].values[k]
             volume = float(last["volume"].values[k])
-            kind = data["type"].values[k] or "-"
+            kind = last["type"].values[k] or "-"
             typer.echo(f"{name:10} {kind:8} {volume:11.1f}   {x:.3f} {y:.3f} {z:.3f}")
 
 
@@ -150,7 +222,7 @@ def contacts(
 ) -> None:
     """List which cells touch, and over what area."""
     from morphosim.contacts import contact_areas, touching
-    from morphosim.output import load_fields, open_run, time_index
+    from morphosim.runs.reader import load_fields, open_run, time_index
 
     with open_run(directory) as data:
         index = time_index(data, time)
@@ -170,6 +242,20 @@ def contacts(
     for a, b in pairs:
         mark = "touch" if (a, b) in shared else "-"
         typer.echo(f"{a:10} {b:10} {mark:6} {areas.get((a, b), 0.0):8.1f} um2")
+
+
+@app.command()
+def pack(
+    directory: Annotated[Path, typer.Argument(help="directory of a run")],
+    file: Annotated[Path, typer.Argument(help="netCDF file to write")],
+) -> None:
+    """Write a run into one netCDF file, which opens as the directory does."""
+    from morphosim.progress import progress_line
+    from morphosim.runs.pack import pack as write
+
+    with progress_line() as tell:
+        write(directory, file, tell)
+    typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB")
 
 
 @app.command("import-matlab")
@@ -209,7 +295,8 @@ def bench(
     threads: Annotated[int, typer.Option(help="number of threads to compare with one; 0: all")] = 0,
 ) -> None:
     """Time this machine: steps of 100 cells and of the embryo, memory, bandwidth."""
-    from morphosim.bench import measure, progress_line, text
+    from morphosim.bench import measure, text
+    from morphosim.progress import progress_line
 
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
@@ -223,6 +310,8 @@ def bench(
 
 def main() -> None:
     """Entry point; warnings and errors of input are one line, without a traceback."""
+    # A batch system that ends a job stops it as Ctrl-C does: the state is saved.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         app()

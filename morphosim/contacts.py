@@ -5,16 +5,23 @@ step, overlap; the contact area of i with j is that part of the φ_i = 0.34 surf
 φ_j >= 0.2, and the area of a pair is the mean of both sides.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import NDArray
 
+from morphosim import _validate
 from morphosim.fields import CellField
+from morphosim.kernels.contacts import Neighbours, contacts
+from morphosim.kernels.moments import Fields, find_extents, overlapping_pairs
+from morphosim.kernels.surfaces import Work
 
 TOUCH_LEVEL = 0.44
 SURFACE_LEVEL = 0.34
 NEIGHBOUR_LEVEL = 0.2
+Integers = NDArray[np.int64]
 
 
 def touching(fields: Sequence[CellField]) -> dict[tuple[str, str], int]:
@@ -26,8 +33,9 @@ def touching(fields: Sequence[CellField]) -> dict[tuple[str, str], int]:
         CellField(f.name, f.origin - 1, binary_dilation(np.pad(f.phi > TOUCH_LEVEL, 1), cross))
         for f in fields
     ]
+    origin, shape = _places(masks)
     counts = {}
-    for i, j in overlapping(masks):
+    for i, j in overlapping(origin, origin + shape).tolist():
         a, b = common(masks[i], masks[j])
         shared = int(np.count_nonzero(a & b))
         if shared:
@@ -36,55 +44,98 @@ def touching(fields: Sequence[CellField]) -> dict[tuple[str, str], int]:
 
 
 def contact_areas(fields: Sequence[CellField], spacing: float) -> dict[tuple[str, str], float]:
-    """Contact area in µm² of every pair whose surfaces meet."""
-    surfaces: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    areas = {}
-    for i, j in overlapping(fields):
-        sides = []
-        for me, other in ((i, j), (j, i)):
-            if me not in surfaces:
-                surfaces[me] = surface_faces(fields[me], spacing)
-            centres, face_areas = surfaces[me]
-            sides.append(float(face_areas[sample(fields[other], centres) >= NEIGHBOUR_LEVEL].sum()))
-        if any(sides):
-            areas[fields[i].name, fields[j].name] = 0.5 * sum(sides)
-    return areas
+    """Contact area in µm² of every pair whose surfaces meet.
+
+    Raises
+    ------
+    ValueError
+        `spacing` is not positive.
+    """
+    _validate.number("spacing", spacing, above=0)
+    pairs, areas = pair_areas(prepare(*pack(fields)), spacing)
+    names = [f.name for f in fields]
+    return {
+        (names[i], names[j]): area
+        for (i, j), area in zip(pairs.tolist(), areas.tolist(), strict=True)
+    }
 
 
-def surface_faces(
-    cell: CellField, spacing: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Triangles of the φ = 0.34 surface: centres in lattice units (F, 3), and areas in µm²."""
-    from skimage.measure import marching_cubes
+class Prepared(NamedTuple):
+    """What the kernels that measure all cells need."""
 
-    phi = np.pad(np.asarray(cell.phi, np.float32), 1)
-    if phi.max() <= SURFACE_LEVEL:
-        return np.zeros((0, 3)), np.zeros(0)
-    vertices, faces, _, _ = marching_cubes(phi, SURFACE_LEVEL)
-    corners = vertices[faces] + (cell.origin - 1)
-    edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return corners.mean(axis=1), 0.5 * np.linalg.norm(edges, axis=1) * spacing**2
+    bounds: Integers
+    fields: Fields
+    work: Work
 
 
-def sample(cell: CellField, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """φ at points in lattice units, linear between lattice points, 0 outside of the box."""
-    from scipy.ndimage import map_coordinates
+def pack(
+    fields: Sequence[CellField],
+) -> tuple[NDArray[np.floating], Integers, Integers, Integers]:
+    """Pool of these fields, and origin, shape and start of each box; see `measure.measure`."""
+    origin, shape = _places(fields)
+    single = all(f.phi.dtype == np.float32 for f in fields)
+    pool = np.zeros(int(shape.prod(axis=1).sum()), np.float32 if single else np.float64)
+    ends = np.cumsum(shape.prod(axis=1))
+    for field, end in zip(fields, ends.tolist(), strict=True):
+        pool[end - field.phi.size : end] = field.phi.ravel()
+    return pool, origin, shape, ends - shape.prod(axis=1)
 
-    local = (points - cell.origin).T
-    return np.asarray(map_coordinates(np.asarray(cell.phi, np.float64), local, order=1, cval=0.0))
+
+def prepare(
+    phi: NDArray[np.floating], origin: Integers, shape: Integers, start: Integers
+) -> Prepared:
+    """Share the cells out between threads, and find what part of its box each fills."""
+    threads = get_num_threads()
+    load = np.cumsum([0, *shape.prod(axis=1)])
+    bounds = np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads).astype(np.int64)
+    fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
+    # Just below the lowest level that counts: the kernel takes what is above.
+    find_extents(bounds, fields, np.nextafter(min(NEIGHBOUR_LEVEL, SURFACE_LEVEL), 0))
+    points = np.maximum(fields.extent[:, :, 1] - fields.extent[:, :, 0] + 2, 1)
+    most, longest = points.prod(axis=1).max(initial=1), points[:, 2].max(initial=1)
+    work = Work(
+        values=np.empty((threads, most), phi.dtype),
+        cubes=np.empty((threads, longest), np.int64),
+        pieces=np.empty((threads, longest, 7)),
+    )
+    return Prepared(bounds, fields, work)
 
 
-def overlapping(fields: Sequence[CellField]) -> Iterator[tuple[int, int]]:
-    """Pairs of indices whose boxes overlap; sweeps along x."""
-    low = np.array([f.origin for f in fields])
-    high = low + np.array([f.phi.shape for f in fields])
+def pair_areas(prepared: Prepared, spacing: float) -> tuple[Integers, NDArray[np.float64]]:
+    """Pairs (P, 2) of cells in contact, i < j and sorted, and their contact areas (P,) in µm²."""
+    fields = prepared.fields
+    low, high = fields.origin + fields.extent[:, :, 0], fields.origin + fields.extent[:, :, 1]
+    pairs = overlapping(low - 1, high)  # a surface is between a point that is above and one below
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    order = np.lexsort((both[:, 1], both[:, 0]))
+    neighbours = Neighbours(
+        start=np.searchsorted(both[order, 0], np.arange(len(fields.start) + 1)),
+        cell=both[order, 1],
+    )
+    found = np.zeros(len(order))
+    contacts(
+        prepared.bounds, fields, SURFACE_LEVEL, NEIGHBOUR_LEVEL, neighbours, prepared.work, found
+    )
+    sides = np.zeros(len(order))
+    sides[order] = found
+    areas = sides.reshape(2, -1).mean(axis=0) * spacing**2
+    return pairs[areas > 0], areas[areas > 0]
+
+
+def overlapping(low: Integers, high: Integers) -> Integers:
+    """Pairs (P, 2) of boxes [low, high), each (N, 3), that overlap; i < j and sorted."""
+    corners = np.ascontiguousarray(low), np.ascontiguousarray(high)
     order = np.argsort(low[:, 0], kind="stable")
-    for position, i in enumerate(order):
-        later = order[position + 1 :]
-        later = later[: np.searchsorted(low[later, 0], high[i, 0])]
-        meets = (low[later] < high[i]) & (high[later] > low[i])
-        for j in later[meets.all(axis=1)]:
-            yield (int(i), int(j)) if i < j else (int(j), int(i))
+    count = overlapping_pairs(order, *corners, np.zeros((0, 2), np.int64))
+    pairs = np.zeros((count, 2), np.int64)
+    overlapping_pairs(order, *corners, pairs)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+def _places(fields: Sequence[CellField]) -> tuple[Integers, Integers]:
+    """Origin and shape of each box, (N, 3) both."""
+    origin = np.array([f.origin for f in fields], np.int64).reshape(-1, 3)
+    return origin, np.array([f.phi.shape for f in fields], np.int64).reshape(-1, 3)
 
 
 def common(a: CellField, b: CellField) -> tuple[NDArray, NDArray]:

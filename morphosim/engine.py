@@ -1,7 +1,7 @@
 """The engine: the state of all cells and the step that advances it."""
 
 import heapq
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
@@ -67,6 +67,9 @@ class Engine:
         Steps taken.
     fresh : bool
         Whether the next step has no history and is of first order.
+    whole : bool
+        Whether all cells are at the same step: false within a step, and for good if something
+        breaks one off.
     face_peak : (N,) float64
         Certificate: largest |φ| seen on the faces of each cell's box, and on the edge of the band
         where the solver works on that alone.
@@ -91,6 +94,7 @@ class Engine:
         self.ids = np.arange(len(self.names), dtype=np.uint64)
         self.steps = 0
         self.fresh = True
+        self.whole = True
         self._real = self.dtype.type
         self._limits = Limits(*(self._real(v) for v in (numerics.box_tolerance, RUNAWAY, 0.5)))
         self._band_only = numerics.solver == "band" or numerics.scheme == "euler"
@@ -154,6 +158,7 @@ class Engine:
 
         Call it within `limited_threads`.
         """
+        self.whole = False
         self._accumulate()
         self._fill_terms(targets)
         self._advance()
@@ -161,6 +166,21 @@ class Engine:
         self.steps += 1
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
+        self.whole = True
+
+    def contents(self) -> dict[str, NDArray]:
+        """Copies of all arrays that the next step depends on; see `restore`."""
+        return self.pool.contents() | {"ids": self.ids.copy(), "face_peak": self.face_peak.copy()}
+
+    def restore(self, contents: Mapping[str, NDArray], steps: int, fresh: bool) -> None:
+        """Go back to what `contents` gave, of an engine of the same cells, physics and numerics.
+
+        From there on all steps are the same to the last bit, on the same kind of machine.
+        """
+        self.pool.restore(contents)
+        self.ids, self.face_peak = np.array(contents["ids"]), np.array(contents["face_peak"])
+        self.steps, self.fresh = steps, fresh
+        self._relist()
 
     def diverged(self) -> NDArray[np.int64]:
         """Cells whose last step was refused: not finite, or beyond `RUNAWAY`."""

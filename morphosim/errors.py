@@ -16,3 +16,7 @@ class DivergenceError(SimulationError):
 
 class CellVanishedError(SimulationError):
     """A cell's field is below 1/2 everywhere (paper §2.3, "cell disappearance")."""
+
+
+class SaveError(OSError):
+    """A save cannot be written; all saves before are whole and the run can go on from the last."""

@@ -1,15 +1,42 @@
-"""Progress bar: an observer that shows *in silico* time, steps per second and time left."""
+"""Progress of long work, drawn on standard error."""
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from morphosim.simulation import Simulation
+if TYPE_CHECKING:
+    from morphosim.simulation import Simulation
+
+Tell = Callable[[str, int, int], None]
+"""Told what is done, how much of it is done, and of how much."""
+
+
+@contextmanager
+def progress_line() -> Iterator[Tell]:
+    """Bar that is removed at the end; gives the function to be told."""
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeRemainingColumn(),
+        console=Console(stderr=True), transient=True,
+    ) as bar:  # fmt: skip
+        tasks: dict[str, TaskID] = {}
+
+        def tell(what: str, done: int, of: int) -> None:
+            if what not in tasks:
+                for task in tasks.values():
+                    bar.update(task, visible=False)
+                tasks[what] = bar.add_task(what, total=of)
+            bar.update(tasks[what], completed=done, total=of)
+
+        yield tell
 
 
 class ProgressBar:
-    """Observer that draws a progress bar on standard error.
+    """Observer that shows *in silico* time, steps per second and time left.
 
     Parameters
     ----------
@@ -37,7 +64,7 @@ class ProgressBar:
             console=Console(stderr=True), transient=True,
         )  # fmt: skip
 
-    def start(self, simulation: Simulation) -> None:
+    def start(self, simulation: "Simulation") -> None:
         """Begin to draw."""
         self._bar.start()
         self._task = self._bar.add_task(
@@ -46,7 +73,7 @@ class ProgressBar:
         )  # fmt: skip
         self._begin = self._shown = time.perf_counter()
 
-    def after_step(self, simulation: Simulation) -> None:
+    def after_step(self, simulation: "Simulation") -> None:
         """Count; draw if the last drawing is old enough."""
         now = time.perf_counter()
         if not self.first_step:
@@ -59,6 +86,6 @@ class ProgressBar:
             speed = f"{self.steps / self.seconds:.1f} steps/s"
             self._bar.update(self._task, completed=simulation.time, speed=speed)
 
-    def finish(self, simulation: Simulation) -> None:
+    def finish(self, simulation: "Simulation") -> None:
         """Remove the bar."""
         self._bar.stop()

@@ -14,6 +14,7 @@ from morphosim.physics import Physics
 from morphosim.shapes import Field, PowerCell, Shape
 
 ON_VANISH = ("stop", "remove", "ignore")
+SAVE_FIELDS = ("packed", "exact", "none")
 VolumeFunction = Callable[[float], float]
 
 
@@ -61,6 +62,8 @@ class Cell:
         Surface tension of this cell; by default that of `Physics`.
     frozen : bool
         A frozen cell acts on others and is not stepped.
+    parent : str
+        Name of the mother cell, for the lineage; "" where it is not known.
 
     Raises
     ------
@@ -74,6 +77,7 @@ class Cell:
     type: str = ""
     gamma: float | None = None
     frozen: bool = False
+    parent: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -83,6 +87,7 @@ class Cell:
             message = f"cell {self.name!r}: shape = {self.shape!r} is not a shape"
             raise TypeError(message)
         _validate.text(f"cell {self.name!r}: type", self.type)
+        _validate.text(f"cell {self.name!r}: parent", self.parent)
         _validate.flag(f"cell {self.name!r}: frozen", self.frozen)
         if self.gamma is not None:
             _validate.number(f"cell {self.name!r}: gamma", self.gamma, above=0)
@@ -114,6 +119,11 @@ class Scene:
         *In silico* time at which a run ends.
     save_every : float
         *In silico* time between two saves.
+    save_fields : {"packed", "exact", "none"}
+        Fields in each save: to 6e-5 in two bytes per value, as they are (about six times as
+        large), or none. Going on with a run needs none of them.
+    save_labels : bool
+        Whether each save also has a label image: which cell is where.
     on_vanish : {"stop", "remove", "ignore"}
         What happens when a cell is below 1/2 everywhere.
     name, description : str
@@ -130,6 +140,8 @@ class Scene:
     confinement: Confinement | None = None
     duration: float = 100.0
     save_every: float = 100.0
+    save_fields: str = "packed"
+    save_labels: bool = False
     on_vanish: str = "stop"
     name: str = "scene"
     description: str = ""
@@ -153,6 +165,8 @@ class Scene:
         _validate.unique("cell name", self.names)
         _validate.number("scene.duration", self.duration, least=0)
         _validate.number("scene.save_every", self.save_every, above=0)
+        _validate.choice("scene.save_fields", self.save_fields, SAVE_FIELDS)
+        _validate.flag("scene.save_labels", self.save_labels)
         _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
         self.physics.attraction.check_names(self.names, self.types)
 

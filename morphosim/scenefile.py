@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from morphosim import _validate
+from morphosim._files import replacing
 from morphosim.attraction import Attraction
 from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
 from morphosim.numerics import Numerics
@@ -28,7 +29,9 @@ CONFINEMENTS: dict[str, type] = {
     "function": FunctionWalls,
 }
 _ARRAYS = ("mask", "phi", "inside")
-_SCALARS = ("name", "description", "duration", "save_every", "on_vanish")
+_SCALARS = (
+    "name", "description", "duration", "save_every", "save_fields", "save_labels", "on_vanish",
+)  # fmt: skip
 _TABLES = ("physics", "numerics", "confinement", "cells")
 
 
@@ -268,6 +271,8 @@ def _cell(row: Mapping[str, Any], shape: Any) -> Cell:
 def save_scene(scene: Scene, path: str | Path) -> None:
     """Write a scene file, and beside it an .npz file with its arrays if it has any.
 
+    Both appear whole or not at all.
+
     Raises
     ------
     ValueError
@@ -280,8 +285,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     arrays: dict[str, np.ndarray] = {}
     archive = f"{path.stem}.npz"
     table = {key: getattr(scene, key) for key in _SCALARS}
-    table["physics"] = _physics_table(scene.physics)
-    table["numerics"] = _plain_table(scene.numerics)
+    table["physics"] = physics_table(scene.physics)
+    table["numerics"] = numerics_table(scene.numerics)
     if scene.confinement is not None:
         table["confinement"] = _typed_table(
             scene.confinement, CONFINEMENTS, arrays, archive, "confinement"
@@ -290,8 +295,10 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         _cell_table(cell, arrays, archive, f"cell_{k}") for k, cell in enumerate(scene.cells)
     ]
     if arrays:
-        np.savez_compressed(path.with_name(archive), **arrays)  # type: ignore[arg-type]
-    path.write_text(tomli_w.dumps(_plain(table)), encoding="utf-8")
+        with replacing(path.with_name(archive)) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    with replacing(path) as partial:
+        partial.write_text(tomli_w.dumps(_plain(table)), encoding="utf-8")
 
 
 def _check_partitions(scene: Scene) -> None:
@@ -321,7 +328,13 @@ def _plain_table(item: Any) -> dict[str, Any]:
     return {name: _plain(value) for name, value in values.items() if value is not None}
 
 
-def _physics_table(physics: Physics) -> dict[str, Any]:
+def numerics_table(numerics: Numerics) -> dict[str, Any]:
+    """Numerics as a scene file says them."""
+    return _plain_table(numerics)
+
+
+def physics_table(physics: Physics) -> dict[str, Any]:
+    """Physics as a scene file says them."""
     sigma = physics.attraction
     table = _plain_table(physics)
     table["sigma"] = {"default": sigma.default} | {
@@ -368,6 +381,8 @@ def _cell_table(
         table["gamma"] = cell.gamma
     if cell.frozen:
         table["frozen"] = True
+    if cell.parent:
+        table["parent"] = cell.parent
     if isinstance(cell.volume, VolumeCourse):
         table["volume"] = _plain_table(cell.volume)
     elif callable(cell.volume):

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +11,12 @@ from numpy.typing import NDArray
 
 from morphosim import _validate, stability
 from morphosim.engine import RUNAWAY, Engine
-from morphosim.errors import CellVanishedError, DivergenceError
+from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
 from morphosim.fields import CellField, centroid
 from morphosim.initial import lattice_field
+from morphosim.interrupts import deferred_interrupts
 from morphosim.scene import Cell, Scene
+from morphosim.snapshot import Snapshot
 
 OUTSIDE_ALLOWED = 0.5
 """A cell may start with at most this share of its volume beyond the confinement."""
@@ -39,6 +42,8 @@ class Simulation:
     Parameters
     ----------
     scene : Scene
+    snapshot : Snapshot, optional
+        State to go on from, of a simulation of the same scene; see `from_run`.
 
     Attributes
     ----------
@@ -47,6 +52,10 @@ class Simulation:
     engine : Engine
     removed : list of (time, name)
         Cells that vanished and were taken out (`Scene.on_vanish = "remove"`).
+    stage : str
+        Name of what the simulation is doing; free for the user to set, and saved.
+    error : str
+        Why the simulation cannot go on; "" while it can.
 
     Raises
     ------
@@ -70,20 +79,76 @@ class Simulation:
     """
 
     scene: Scene
+    snapshot: InitVar[Snapshot | None] = None
     cells: list[Cell] = field(init=False)
     engine: Engine = field(init=False)
     removed: list[tuple[float, str]] = field(init=False, default_factory=list)
+    stage: str = field(init=False, default="")
+    error: str = field(init=False, default="")
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, snapshot: Snapshot | None) -> None:
         scene = self.scene
-        self.cells = list(scene.cells)
+        self.cells = list(scene.cells) if snapshot is None else _alive(scene, snapshot)
+        gamma = dict(zip(scene.names, scene.tensions, strict=True))
         self.engine = Engine(
-            scene.physics, scene.numerics, scene.confinement, scene.names, scene.types,
-            np.array(scene.tensions), np.array([c.frozen for c in self.cells]),
-            _start_fields(scene),
+            scene.physics, scene.numerics, scene.confinement, self.names,
+            [c.type for c in self.cells], np.array([gamma[c.name] for c in self.cells]),
+            np.array([c.frozen for c in self.cells]),
+            _start_fields(scene) if snapshot is None else _saved_fields(snapshot),
         )  # fmt: skip
+        if snapshot is not None:
+            self.engine.restore(snapshot.arrays, snapshot.steps, snapshot.fresh)
+            self.stage, self.removed = snapshot.stage, list(snapshot.removed)
         stability.check(scene)
         self._set_targets()
+
+    @classmethod
+    def from_run(
+        cls, directory: str | Path, *, scene: Scene | None = None, time: float | None = None
+    ) -> "Simulation":
+        """Simulation that starts from a saved run.
+
+        By default the run itself goes on from its last save, to the same result, bit for bit, as
+        if it had never stopped (on the same machine). With another scene, or another time, a new
+        simulation begins at t = 0 from the fields saved then; its first step is of first order.
+
+        Parameters
+        ----------
+        directory : path of a run
+        scene : Scene, optional
+            Whose physics, numerics, confinement and duration hold from now on. Its cells are
+            looked up in the run by name and start from their saved fields; cells of the run that
+            it does not have are left out. By default the run's own scene.
+        time : float, optional
+            *In silico* time of the save to start from, the nearest one; by default the last.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no run, or it has no fields or no scene.
+        ValueError
+            The run has ended by an error, or lacks a cell of the scene.
+
+        Examples
+        --------
+        >>> simulation = Simulation.from_run("runs/embryo")  # doctest: +SKIP
+        """
+        from morphosim.runs import resume
+
+        if scene is None and time is None:
+            return cls(*resume.saved_state(Path(directory)))
+        return cls(resume.branched_scene(Path(directory), scene, time))
+
+    def snapshot_now(self) -> Snapshot:
+        """The whole present state."""
+        return Snapshot(
+            names=tuple(self.names),
+            steps=self.engine.steps,
+            fresh=self.engine.fresh,
+            stage=self.stage,
+            removed=tuple(self.removed),
+            arrays=self.engine.contents(),
+        )
 
     @property
     def time(self) -> float:
@@ -145,6 +210,9 @@ class Simulation:
         ------
         DivergenceError, CellVanishedError
             See `step`.
+        KeyboardInterrupt
+            By Ctrl-C, after the step under way; a second one breaks the step off, and this
+            simulation with it.
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
         last = int(np.ceil(end / self.scene.numerics.dt - 1e-9))
@@ -153,11 +221,15 @@ class Simulation:
             for observer in observers:
                 observer.start(self)
                 started.append(observer)
-            with self.engine.limited_threads():
+            with self.engine.limited_threads(), deferred_interrupts() as check_interrupt:
                 while self.engine.steps < last:
                     self._step()
                     for observer in observers:
                         observer.after_step(self)
+                    check_interrupt()
+        except SimulationError as error:
+            self.error = str(error)
+            raise
         finally:
             with ExitStack() as stack:  # calls all of them, even if one raises
                 for observer in reversed(started):
@@ -200,6 +272,22 @@ class Simulation:
             self.engine.remove(i)
             del self.cells[i]
         self._set_targets()
+
+
+def _alive(scene: Scene, snapshot: Snapshot) -> list[Cell]:
+    """Cells of a snapshot, in its order."""
+    cells = {cell.name: cell for cell in scene.cells}
+    for name in snapshot.names:
+        _validate.choice("cell of the snapshot", name, cells)
+    return [cells[name] for name in snapshot.names]
+
+
+def _saved_fields(snapshot: Snapshot) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
+    """Origin and field of each cell of a snapshot."""
+    shapes = snapshot.arrays["shape"]
+    parts = np.split(snapshot.arrays["phi"], np.cumsum(shapes.prod(axis=1))[:-1])
+    for origin, shape, phi in zip(snapshot.arrays["origin"], shapes, parts, strict=True):
+        yield origin, phi.reshape(shape)
 
 
 def _start_fields(scene: Scene) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:

@@ -76,7 +76,7 @@ def test_an_interruption_saves_and_says_so(call, monkeypatch: pytest.MonkeyPatch
 )
 def test_wrong_input_is_one_line(call, folder: Path, words: list[str], named: str) -> None:
     (folder / "damaged").mkdir()
-    (folder / "damaged" / "run.nc").write_text("no netCDF")
+    (folder / "damaged" / "save-000000.nc").write_text("no netCDF")
     code, out, err = call(*words)
     assert code == 2
     assert out == ""

@@ -1,0 +1,173 @@
+"""Contact areas: how much of a cell's surface lies in its neighbours.
+
+The surface is cut into one piece per cube of the lattice; see `surfaces`. φ of a neighbour is
+looked up once on each, at its centre.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.surfaces import corners, crossings, cubes_of, cut_cube, load_extent
+
+
+class Neighbours(NamedTuple):
+    """Cells that each cell may touch."""
+
+    start: np.ndarray
+    """(N + 1,) int64, compressed rows of `cell`."""
+    cell: np.ndarray
+    """int64."""
+
+
+@inline_kernel()
+def normal(v):
+    """Direction of ∇φ, averaged over a cube."""
+    x = v[4] + v[5] + v[6] + v[7] - v[0] - v[1] - v[2] - v[3]
+    y = v[2] + v[3] + v[6] + v[7] - v[0] - v[1] - v[4] - v[5]
+    z = v[1] + v[3] + v[5] + v[7] - v[0] - v[2] - v[4] - v[6]
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = 1 / length if length > 0 else 0.0
+    return x * scale, y * scale, z * scale
+
+
+@inline_kernel()
+def ends(u, n):
+    """Points u and u + 1 of an axis of n points, kept on it; and 1 for each that is on it, or 0."""
+    return max(u, 0), min(u + 1, n - 1), np.float64(u >= 0), np.float64(u + 1 < n)
+
+
+@inline_kernel()
+def along(phi, row, w0, w1, on0, on1, z):
+    """φ between two points of a row, and its slope."""
+    low, high = on0 * phi[np.uint64(row + w0)], on1 * phi[np.uint64(row + w1)]
+    return low + z * (high - low), high - low
+
+
+@inline_kernel()
+def sample(j, fields, u, v, w, x, y, z):
+    """φ_j and ∇φ_j, trilinear, (x, y, z) from the first corner of the cube (u, v, w) of its box."""
+    phi, ny, nz = fields.phi, fields.shape[j, 1], fields.shape[j, 2]
+    u0, u1, a0, a1 = ends(u, fields.shape[j, 0])
+    v0, v1, b0, b1 = ends(v, ny)
+    w0, w1, c0, c1 = ends(w, nz)
+    low, high = fields.start[j] + u0 * ny * nz, fields.start[j] + u1 * ny * nz
+    f00, g00 = along(phi, low + v0 * nz, w0, w1, a0 * b0 * c0, a0 * b0 * c1, z)
+    f01, g01 = along(phi, low + v1 * nz, w0, w1, a0 * b1 * c0, a0 * b1 * c1, z)
+    f10, g10 = along(phi, high + v0 * nz, w0, w1, a1 * b0 * c0, a1 * b0 * c1, z)
+    f11, g11 = along(phi, high + v1 * nz, w0, w1, a1 * b1 * c0, a1 * b1 * c1, z)
+    f0, f1 = f00 + y * (f01 - f00), f10 + y * (f11 - f10)
+    g0, g1 = g00 + y * (g01 - g00), g10 + y * (g11 - g10)
+    slope_y = f01 - f00 + x * (f11 - f10 - f01 + f00)
+    return f0 + x * (f1 - f0), f1 - f0, slope_y, g0 + x * (g1 - g0)
+
+
+@inline_kernel()
+def cut_row(values, first, found, sx, sy, level, cubes, pieces):
+    """Area, centre (from the cube's first corner) and normal of the surface in the cubes found."""
+    for k in range(found):
+        v = corners(values, first + cubes[k], sx, sy)
+        area, _, x, y, z = cut_cube(v, level)
+        scale = 1 / area if area > 0 else 0.0
+        pieces[k, 0] = area
+        pieces[k, 1], pieces[k, 2], pieces[k, 3] = x * scale, y * scale, z * scale
+        pieces[k, 4], pieces[k, 5], pieces[k, 6] = normal(v)
+
+
+@inline_kernel()
+def covered(j, fields, u, v, w, piece, level):
+    """Area of a piece of surface where φ_j >= level.
+
+    It is taken as a square with two sides along the edge of the contact, and φ_j as linear on it:
+    so the area changes smoothly as cells move, and not by whole pieces.
+    """
+    value, x, y, z = sample(j, fields, u, v, w, piece[1], piece[2], piece[3])
+    across = x * piece[4] + y * piece[5] + z * piece[6]
+    rise = np.sqrt(max(x * x + y * y + z * z - across * across, 0.0) * piece[0])
+    if rise > 0:
+        return piece[0] * min(max((value - level) / rise + 0.5, 0.0), 1.0)
+    return piece[0] if value >= level else 0.0
+
+
+@inline_kernel()
+def covered_in_row(j, fields, u, v, w, found, cubes, pieces, level):
+    """Area of those pieces of a row of cubes, the first at (u, v, w) of cell j's box."""
+    z0, z1 = fields.extent[j, 2, 0] - 1 - w, fields.extent[j, 2, 1] - w
+    area = 0.0
+    for k in range(found):
+        if z0 <= cubes[k] < z1:
+            area += covered(j, fields, u, v, w + cubes[k], pieces[k], level)
+    return area
+
+
+@inline_kernel()
+def reaches(j, fields, u, v):
+    """Whether cell j's extent reaches into the row of cubes (u, v) of its box."""
+    return (
+        fields.extent[j, 0, 0] - 1 <= u < fields.extent[j, 0, 1]
+        and fields.extent[j, 1, 0] - 1 <= v < fields.extent[j, 1, 1]
+    )
+
+
+@kernel()
+def meet_row(
+    i, fields, level, neighbour_level, neighbours, x, y, z, values, row, found, sx, sy, cubes,
+    pieces, out,
+):  # fmt: skip
+    """Add the contacts in one row of cubes; its first is at lattice position (x, y, z)."""
+    is_cut = False
+    for n in range(neighbours.start[i], neighbours.start[i + 1]):
+        j = neighbours.cell[n]
+        u, v, w = x - fields.origin[j, 0], y - fields.origin[j, 1], z - fields.origin[j, 2]
+        if reaches(j, fields, u, v):
+            if not is_cut:
+                cut_row(values, row, found, sx, sy, level, cubes, pieces)
+                is_cut = True
+            out[n] += covered_in_row(j, fields, u, v, w, found, cubes, pieces, neighbour_level)
+
+
+@kernel()
+def meet(i, fields, level, neighbour_level, neighbours, values, cubes, pieces, out):
+    """Contact areas of cell i, `out` at the places of its neighbours."""
+    out[neighbours.start[i] : neighbours.start[i + 1]] = 0
+    if neighbours.start[i] == neighbours.start[i + 1]:
+        return
+    load_extent(i, fields, values)
+    nx, ny, nz = cubes_of(i, fields)
+    sx, sy = (ny + 1) * (nz + 1), nz + 1
+    x0 = fields.origin[i, 0] + fields.extent[i, 0, 0] - 1
+    y0 = fields.origin[i, 1] + fields.extent[i, 1, 0] - 1
+    z0 = fields.origin[i, 2] + fields.extent[i, 2, 0] - 1
+    for x in range(nx):
+        for y in range(ny):
+            row = x * sx + y * sy
+            found, _ = crossings(values, row, nz, sx, sy, level, cubes)
+            if found > 0:
+                meet_row(
+                    i, fields, level, neighbour_level, neighbours, x0 + x, y0 + y, z0, values, row,
+                    found, sx, sy, cubes, pieces, out,
+                )  # fmt: skip
+
+
+@parallel_kernel()
+def contacts(bounds, fields, level, neighbour_level, neighbours, work, out):
+    """Area of that part of each cell's surface φ = level on which a neighbour's φ is as large.
+
+    Parameters
+    ----------
+    bounds : (threads + 1,) ranges of cells, one per thread
+    fields : Fields, with extents below both levels
+    level : float, > 0
+    neighbour_level : float, > 0; what φ of the neighbour must be at least
+    neighbours : Neighbours
+    work : Work
+    out : (len(neighbours.cell),) float64, overwritten; in squared lattice steps
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        for i in range(bounds[worker], bounds[worker + 1]):
+            meet(
+                i, fields, level, neighbour_level, neighbours, work.values[worker],
+                work.cubes[worker], work.pieces[worker], out,
+            )  # fmt: skip

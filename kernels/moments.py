@@ -1,0 +1,140 @@
+"""Where each field is: its moments, the part of its box that it fills, and which parts overlap."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+
+from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.boxes import include, row_peak, row_span
+
+N_MOMENTS = 10
+"""Σ φ, Σ φ (x, y, z), Σ φ (xx, yy, zz), Σ φ (xy, xz, yz), of positions in a box."""
+
+
+class Fields(NamedTuple):
+    """The fields of all cells, and what part of its box each fills."""
+
+    phi: np.ndarray
+    """1-D pool."""
+    origin: np.ndarray
+    """(N, 3) int64, lattice position of each box's first point."""
+    shape: np.ndarray
+    """(N, 3) int64, points per axis; z runs fastest."""
+    start: np.ndarray
+    """(N,) int64, first index in the pool."""
+    extent: np.ndarray
+    """(N, 3, 2) int64, points [low, high) of the box beyond which φ is below a level; low > high
+    where it is so everywhere."""
+
+
+@inline_kernel()
+def row_moments(values, first, nz):
+    """Σ φ, Σ φ z and Σ φ zz of one row."""
+    total = along = square = 0.0
+    for z in range(np.uint64(nz)):
+        # Integers of 64 bits become floats one by one on most processors.
+        value, place = np.float64(values[first + z]), np.float64(np.int32(z))
+        total += value
+        along += value * place
+        square += value * place * place
+    return total, along, square
+
+
+@kernel()
+def box_moments(i, fields, out):
+    """Moments of cell i, out (N_MOMENTS,)."""
+    nx, ny, nz = fields.shape[i, 0], fields.shape[i, 1], fields.shape[i, 2]
+    out[:] = 0
+    for x in range(nx):
+        for y in range(ny):
+            row = np.uint64(fields.start[i] + (x * ny + y) * nz)
+            total, along, square = row_moments(fields.phi, row, nz)
+            out[0] += total
+            out[1] += total * x
+            out[2] += total * y
+            out[3] += along
+            out[4] += total * x * x
+            out[5] += total * y * y
+            out[6] += square
+            out[7] += total * x * y
+            out[8] += along * x
+            out[9] += along * y
+
+
+@parallel_kernel()
+def moments(bounds, fields, out):
+    """Moments of all cells, in lattice steps from the first point of each box.
+
+    Parameters
+    ----------
+    bounds : (threads + 1,) ranges of cells, one per thread
+    fields : Fields
+    out : (N, N_MOMENTS) float64, overwritten
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        for i in range(bounds[worker], bounds[worker + 1]):
+            box_moments(i, fields, out[i])
+
+
+@kernel()
+def find_extent(i, fields, level):
+    """Find the extent of cell i."""
+    for axis in range(3):
+        fields.extent[i, axis, 0] = fields.shape[i, axis]
+        fields.extent[i, axis, 1] = -1
+    nx, ny, nz = fields.shape[i, 0], fields.shape[i, 1], fields.shape[i, 2]
+    for x in range(nx):
+        for y in range(ny):
+            row = np.uint64(fields.start[i] + (x * ny + y) * nz)
+            if row_peak(fields.phi, row, nz) > level:
+                z0, z1 = row_span(fields.phi, row, nz, level)
+                include(fields.extent, i, 0, x, x + 1)
+                include(fields.extent, i, 1, y, y + 1)
+                include(fields.extent, i, 2, z0, z1)
+
+
+@parallel_kernel()
+def find_extents(bounds, fields, level):
+    """Fill `fields.extent` with the bounding box of |φ| > level of each cell.
+
+    Parameters
+    ----------
+    bounds : (threads + 1,) ranges of cells, one per thread
+    fields : Fields
+    level : float
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        for i in range(bounds[worker], bounds[worker + 1]):
+            find_extent(i, fields, level)
+
+
+@kernel()
+def overlapping_pairs(order, low, high, out):
+    """Find the pairs of boxes [low, high) that overlap; sweeps along x.
+
+    Parameters
+    ----------
+    order : (N,) int64, boxes by rising low x
+    low, high : (N, 3) int64
+    out : (room, 2) int64, gets the pairs i < j for which there is room
+
+    Returns
+    -------
+    int : number of pairs that there are
+    """
+    count = 0
+    for a in range(order.shape[0]):
+        i = order[a]
+        for b in range(a + 1, order.shape[0]):
+            j = order[b]
+            if low[j, 0] >= high[i, 0]:
+                break
+            meets = high[j, 0] > low[i, 0]
+            for axis in range(1, 3):
+                meets &= low[j, axis] < high[i, axis] and high[j, axis] > low[i, axis]
+            if meets:
+                if count < out.shape[0]:
+                    out[count, 0], out[count, 1] = min(i, j), max(i, j)
+                count += 1
+    return count

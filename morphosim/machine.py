@@ -1,0 +1,39 @@
+"""What computes: processor, system and library versions, as results and runs record them."""
+
+import platform
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+LIBRARIES = ("morphosim", "numpy", "scipy", "numba", "netCDF4", "xarray")
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of Python and of the libraries that results depend on."""
+    return {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES}
+
+
+@cache
+def processor() -> str:
+    """Number and name of the processors, as far as the system tells."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        names = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        if names:
+            return f"{len(names)} x {names[0].partition(':')[2].strip()}"
+    return platform.processor() or platform.machine()
+
+
+def machine() -> dict[str, Any]:
+    """Processor, system, library versions, and what BLAS and OpenMP run on."""
+    from threadpoolctl import threadpool_info
+
+    blas = [f"{b['internal_api']} {b.get('architecture', '')}" for b in threadpool_info()]
+    return {
+        "cpu": processor(),
+        "system": platform.platform(),
+        **versions(),
+        "thread pools": sorted({pool.strip() for pool in blas}),
+    }

@@ -1,0 +1,137 @@
+"""What is measured of all cells at once: volumes, shapes, surfaces and contacts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim import _validate
+from morphosim.contacts import Prepared, pack, pair_areas, prepare
+from morphosim.fields import CellField
+from morphosim.kernels.moments import N_MOMENTS, moments
+from morphosim.kernels.surfaces import surfaces
+from morphosim.surfaces import SURFACE
+
+Real = NDArray[np.float64]
+MATRIX = np.array([[4, 7, 8], [7, 5, 9], [8, 9, 6]])
+"""Places of the second moments among the moments of the kernel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Measures of N cells and of the P pairs of them that are in contact.
+
+    The semi-axes and principal axes are those of the ellipsoid with the same second moments. A
+    cell whose φ is nowhere above 1/2 has surface and enclosed volume 0 and NaN for what is a ratio
+    of these; one without volume has NaN for its centroid and axes.
+
+    Attributes
+    ----------
+    volume : (N,) float64
+        ∫ φ, µm³.
+    centroid : (N, 3) float64
+        ∫ r φ / ∫ φ, µm.
+    semi_axes : (N, 3) float64
+        From the longest to the shortest, µm.
+    principal_axes : (N, 3, 3) float64
+        Their directions as rows, of length 1; the largest component of each is positive.
+    surface_area : (N,) float64
+        Area of the surface φ = 1/2, µm².
+    enclosed_volume : (N,) float64
+        Volume V inside this surface, µm³.
+    sphericity : (N,) float64
+        π^(1/3) (6 V)^(2/3) / area: 1 for a ball, less for all else.
+    irregularity : (N,) float64
+        area^(1/2) / V^(1/3), η of Fig. S4: 2.20 for a ball, more for all else.
+    contacts : (P, 2) int64
+        Pairs i < j, sorted.
+    contact_area : (P,) float64
+        Their contact areas, µm²; see `contacts`.
+    """
+
+    volume: Real
+    centroid: Real
+    semi_axes: Real
+    principal_axes: Real
+    surface_area: Real
+    enclosed_volume: Real
+    sphericity: Real
+    irregularity: Real
+    contacts: NDArray[np.int64]
+    contact_area: Real
+
+
+def measure(
+    phi: NDArray[np.floating],
+    origin: NDArray[np.int64],
+    shape: NDArray[np.int64],
+    start: NDArray[np.int64],
+    spacing: float,
+) -> Measurement:
+    """Measure all cells, on as many threads as Numba is set to use.
+
+    Parameters
+    ----------
+    phi : 1-D array
+        Pool of all fields, float32 or float64.
+    origin, shape : (N, 3)
+        Lattice position of each box's first point, and its points per axis.
+    start : (N,)
+        First index of each box in the pool; z runs fastest.
+    spacing : float
+        Lattice step, µm.
+
+    Raises
+    ------
+    ValueError
+        `spacing` is not positive.
+    """
+    _validate.number("spacing", spacing, above=0)
+    prepared = prepare(phi, origin, shape, start)
+    volume, centroid, semi_axes, principal_axes = _ellipsoids(prepared, spacing)
+    area, enclosed = _surfaces(prepared, spacing)
+    with np.errstate(invalid="ignore"):
+        sphericity = np.pi ** (1 / 3) * (6 * enclosed) ** (2 / 3) / area
+        irregularity = np.sqrt(area) / np.cbrt(enclosed)
+    pairs, contact_area = pair_areas(prepared, spacing)
+    return Measurement(
+        volume, centroid, semi_axes, principal_axes, area, enclosed, sphericity, irregularity,
+        pairs, contact_area,
+    )  # fmt: skip
+
+
+def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
+    """Measure fields, for instance those that a run has kept; see `measure`."""
+    return measure(*pack(fields), spacing)
+
+
+def _surfaces(prepared: Prepared, spacing: float) -> tuple[Real, Real]:
+    """Surface areas and enclosed volumes."""
+    found = np.zeros((len(prepared.fields.start), 2))
+    surfaces(prepared.bounds, prepared.fields, SURFACE, prepared.work, found)
+    return found[:, 0] * spacing**2, found[:, 1] * spacing**3
+
+
+def _ellipsoids(prepared: Prepared, spacing: float) -> tuple[Real, Real, Real, Real]:
+    """Volumes, centroids, semi-axes and principal axes."""
+    found = np.zeros((len(prepared.fields.start), N_MOMENTS))
+    moments(prepared.bounds, prepared.fields, found)
+    total = np.where(found[:, 0] > 0, found[:, 0], np.nan)
+    centre = found[:, 1:4] / total[:, None]
+    covariance = found[:, MATRIX] / total[:, None, None] - centre[:, :, None] * centre[:, None, :]
+    semi_axes, principal_axes = _axes(covariance)
+    centroid = (prepared.fields.origin + centre) * spacing
+    return found[:, 0] * spacing**3, centroid, semi_axes * spacing, principal_axes
+
+
+def _axes(covariance: Real) -> tuple[Real, Real]:
+    """Semi-axes and directions of the solid ellipsoids of these covariances; NaN gives NaN."""
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(known[:, None, None], covariance, 0))
+    semi_axes = np.sqrt(5 * np.maximum(values[:, ::-1], 0))
+    axes = vectors.swapaxes(1, 2)[:, ::-1]
+    largest = np.abs(axes).argmax(axis=2)[:, :, None]
+    axes = axes * np.sign(np.take_along_axis(axes, largest, axis=2))
+    semi_axes[~known], axes[~known] = np.nan, np.nan
+    return semi_axes, axes

@@ -1,0 +1,69 @@
+"""Names of a run directory's files, and the lock that keeps two runs out of one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from morphosim._files import PARTIAL
+
+SCENE = "scene.toml"
+LOCK = "lock"
+
+
+@dataclass(frozen=True, slots=True)
+class RunDirectory:
+    """Where the files of a run lie."""
+
+    path: Path
+
+    @property
+    def scene(self) -> Path:
+        """The scene file."""
+        return self.path / SCENE
+
+    def save(self, number: int) -> Path:
+        """File of one save."""
+        return self.path / f"save-{number:06d}.nc"
+
+    def restart(self, number: int) -> Path:
+        """File of the whole state at one save."""
+        return self.path / f"restart-{number:06d}.npz"
+
+    @property
+    def saves(self) -> list[Path]:
+        """Files of all saves, in order."""
+        return sorted(self.path.glob("save-*.nc"))
+
+    @property
+    def last(self) -> int:
+        """Number of the last save; -1 if there is none."""
+        saves = self.saves
+        return int(saves[-1].stem.partition("-")[2]) if saves else -1
+
+    def tidy(self) -> None:
+        """Delete what a process that was killed has left half written, and old states."""
+        keep = self.restart(self.last)
+        for file in [*self.path.glob(f"*{PARTIAL}"), *self.path.glob("restart-*.npz")]:
+            if file != keep:
+                file.unlink(missing_ok=True)
+
+    def locked(self) -> Any:
+        """Lock on the directory, held by this process until it is released or the process ends.
+
+        Raises
+        ------
+        FileExistsError
+            Another process, or another writer of this one, is writing a run here.
+        """
+        from filelock import FileLock, Timeout
+
+        lock = FileLock(self.path / LOCK, thread_local=False)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            message = (
+                f"{self.path}: another run is being written here now; wait for its end, or take "
+                "another directory"
+            )
+            raise FileExistsError(message) from error
+        return lock

@@ -1,0 +1,80 @@
+"""Values of many files as one array that is read when it is used."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One-dimensional variable of one file.
+
+    Attributes
+    ----------
+    path, group, name : where it is
+    length : number of values
+    table : (K,) new value for each value, or None
+    """
+
+    path: Path
+    group: str
+    name: str
+    length: int
+    table: NDArray[Any] | None = None
+
+    def read(self, part: slice) -> NDArray[Any]:
+        """Values of a slice."""
+        with xr.open_dataset(self.path, engine="netcdf4", group=self.group, cache=False) as file:
+            values: NDArray[Any] = file[self.name][part].values
+        return values if self.table is None else self.table[values]
+
+
+class Chain(BackendArray):
+    """Segments, one after the other."""
+
+    def __init__(self, segments: Sequence[Segment], dtype: np.dtype[Any]) -> None:
+        self.segments = tuple(segments)
+        self.dtype = dtype
+        self._ends = np.cumsum([segment.length for segment in segments])
+        self.shape = (int(self._ends[-1]),)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.BASIC, self._get
+        )
+
+    def _get(self, key: tuple[int | slice, ...]) -> Any:
+        (part,) = key
+        if not isinstance(part, slice):
+            return self._read(int(part), int(part) + 1)[0]
+        wanted = range(*part.indices(self.shape[0]))
+        if not wanted:
+            return np.zeros(0, self.dtype)
+        low, high = min(wanted[0], wanted[-1]), max(wanted[0], wanted[-1]) + 1
+        values = self._read(low, high)
+        return values if wanted.step == 1 else values[np.asarray(wanted) - low]
+
+    def _read(self, low: int, high: int) -> NDArray[Any]:
+        """Values [low, high)."""
+        first = int(np.searchsorted(self._ends, low, side="right"))
+        parts = []
+        for k in range(first, len(self.segments)):
+            start = int(self._ends[k]) - self.segments[k].length
+            if start >= high:
+                break
+            part = slice(max(low - start, 0), min(high - start, self.segments[k].length))
+            parts.append(self.segments[k].read(part))
+        return np.concatenate(parts).astype(self.dtype, copy=False)
+
+
+def chained(segments: Sequence[Segment]) -> Any:
+    """Lazy array of segments, for a variable of a Dataset."""
+    kinds = [segment.read(slice(0, 1)).dtype for segment in (segments[0], segments[-1])]
+    return indexing.LazilyIndexedArray(Chain(segments, np.result_type(*kinds)))

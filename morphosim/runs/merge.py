@@ -1,0 +1,175 @@
+"""From the files of all saves to one Dataset."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.runs.lazy import Segment, chained
+from morphosim.runs.variables import ALL, LABELS, PHI_STEP
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+LAZY = {"phi": "fields", "label": "labels"}
+"""Variables that are read when they are used, and their groups."""
+INDICES = {
+    "box_time": "time", "box_cell": "cell", "contact_time": "time", "contact_cell": "cell",
+    "contact_neighbour": "cell", "label_time": "time",
+}  # fmt: skip
+"""What counts within a save and must count within the run."""
+Table = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Save:
+    """What is read of one save at once.
+
+    Attributes
+    ----------
+    table : variables of the root
+    groups : variables of the groups, without the lazy ones
+    lengths : values of the lazy variables
+    packed : whether the fields are whole multiples of `PHI_STEP`
+    attributes : of the file
+    """
+
+    path: Path
+    table: Table
+    groups: Mapping[str, Table]
+    lengths: Mapping[str, int]
+    packed: bool
+    attributes: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: Path) -> "Save":
+        """Read a save; OSError names the file if it is damaged."""
+        import netCDF4
+
+        with netCDF4.Dataset(path) as file:
+            file.set_auto_mask(False)
+            return cls(
+                path=path,
+                table=_values(file),
+                groups={name: _values(group) for name, group in file.groups.items()},
+                lengths={
+                    name: len(file[group][name]) for name, group in LAZY.items()
+                    if group in file.groups
+                },
+                packed="fields" in file.groups and file["fields"]["phi"].dtype.kind == "i",
+                attributes={name: file.getncattr(name) for name in file.ncattrs()},
+            )  # fmt: skip
+
+    @property
+    def cells(self) -> list[str]:
+        """Names of the cells."""
+        return [str(name) for name in self.table["cell"]]
+
+
+def _values(group: Any) -> Table:
+    return {name: v[...] for name, v in group.variables.items() if name not in LAZY}
+
+
+def merged(paths: Sequence[Path]) -> "xr.Dataset":
+    """One Dataset of all saves; cells in the order in which they first appear."""
+    import xarray as xr
+
+    saves = [Save.read(path) for path in paths]
+    place = {name: k for k, name in enumerate(dict.fromkeys(n for s in saves for n in s.cells))}
+    columns = [np.array([place[name] for name in save.cells]) for save in saves]
+    names = np.array(list(place))
+    table = {name: saves[0].table[name] for name in ("axis", "principal")}
+    table |= {"cell": names, "neighbour": names}
+    table |= _stacked(saves, columns, len(place))
+    if any("contacts" in save.groups for save in saves):
+        del table["neighbour"]
+        table |= _listed_contacts(saves, columns, table.pop("contact_area", None))
+    for group in ("fields", "labels"):
+        table |= _joined(saves, columns, group)
+    variables = {name: _variable(name, value) for name, value in table.items()}
+    for name, group in LAZY.items():
+        if any(group in save.groups for save in saves):
+            packed = all(save.packed for save in saves if "fields" in save.groups)
+            packing = {"dtype": "int16", "scale_factor": np.float32(PHI_STEP)}
+            encoding = packing if packed and name == "phi" else {}
+            variables[name] = (*_variable(name, _chain(saves, columns, name)), encoding)
+    coordinates = {name: variables.pop(name) for name in ("time", *LABELS) if name in variables}
+    parent = coordinates.pop("parent")
+    return xr.Dataset(variables | {"parent": parent}, coordinates, saves[-1].attributes)
+
+
+def _variable(name: str, value: Any) -> tuple[Any, ...]:
+    return ALL[name].dims, value, ALL[name].attributes
+
+
+def _stacked(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int) -> Table:
+    """Variables of the root that have a time or a cell, over all cells and saves."""
+    present = {name: value for save in saves for name, value in save.table.items()}
+    result: Table = {}
+    for name, value in present.items():
+        dims = ALL[name].dims
+        if name in LABELS and name != "parent":
+            continue
+        sizes = {"time": len(saves), "cell": count, "neighbour": count}
+        shape = [sizes.get(d, n) for d, n in zip(dims, value.shape, strict=True)]
+        result[name] = full = _absent(shape, value.dtype)
+        for k, (save, column) in enumerate(zip(saves, columns, strict=True)):
+            if name in save.table:
+                here = {"time": np.array([k]), "cell": column, "neighbour": column}
+                index = [here.get(d, np.arange(n)) for d, n in zip(dims, shape, strict=True)]
+                full[np.ix_(*index)] = save.table[name]
+        if full.dtype == object:
+            result[name] = full.astype(str)
+    return result
+
+
+def _absent(shape: Sequence[int], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Array of what stands for a cell that is not there."""
+    if dtype.kind in "OU":
+        return np.full(shape, "", dtype=object)
+    return np.full(shape, np.nan if dtype.kind == "f" else 0, dtype)
+
+
+def _joined(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], group: str) -> Table:
+    """Variables of a group, one save after the other, with indices that count within the run."""
+    parts: list[Table] = []
+    for k, (save, column) in enumerate(zip(saves, columns, strict=True)):
+        if group not in save.groups:
+            continue
+        part = dict(save.groups[group])
+        for name in part.keys() & INDICES:
+            part[name] = np.full_like(part[name], k) if INDICES[name] == "time" else (
+                column[part[name]].astype(part[name].dtype)
+            )  # fmt: skip
+        parts.append(part)
+    return {name: np.concatenate([p[name] for p in parts]) for name in (parts[0] if parts else ())}
+
+
+def _listed_contacts(
+    saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], areas: NDArray[Any] | None
+) -> Table:
+    """Contacts as a list of pairs, also those of saves that have a matrix."""
+    rows = _joined(saves, columns, "contacts")
+    if areas is None:
+        return rows
+    k, i, j = np.nonzero(np.triu(np.nan_to_num(areas)))
+    more = {
+        "contact_time": k, "contact_cell": i, "contact_neighbour": j,
+        "contact_pair_area": areas[k, i, j],
+    }  # fmt: skip
+    both = {name: np.concatenate([more[name], rows[name]]).astype(rows[name].dtype) for name in rows}
+    order = np.argsort(both["contact_time"], kind="stable")
+    return {name: value[order] for name, value in both.items()}
+
+
+def _chain(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], name: str) -> Any:
+    """Lazy variable of all saves; label images count the cells of the run."""
+    segments = []
+    for save, column in zip(saves, columns, strict=True):
+        if name in save.lengths:
+            table = np.concatenate([[0], column + 1]).astype("i4") if name == "label" else None
+            segments.append(Segment(save.path, LAZY[name], name, save.lengths[name], table))
+    return chained(segments)

@@ -1,0 +1,68 @@
+"""A run in one file."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from morphosim._files import replacing
+from morphosim.progress import Tell
+from morphosim.runs.files import RunDirectory
+from morphosim.runs.reader import open_run
+from morphosim.runs.savefile import create, pack_phi, write_texts
+from morphosim.runs.variables import ALL
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+BLOCK = 1 << 23
+"""Values of a lazy variable that are in memory at once."""
+
+
+def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> None:
+    """Write a run into one netCDF-4 file, which `open_run` and plain xarray open as one Dataset.
+
+    Parameters
+    ----------
+    directory : path of a run
+    file : path to write; must not exist
+    tell : function, optional
+        Told of the progress.
+
+    Raises
+    ------
+    FileExistsError
+        There is a file at `file`.
+    FileNotFoundError
+        There is no run in the directory, or no folder for the file.
+    """
+    target = Path(file)
+    if target.exists():
+        message = f"{target} exists; delete it, or give another name"
+        raise FileExistsError(message)
+    with open_run(directory) as run, replacing(target) as partial:
+        _write(run, partial, RunDirectory(Path(directory)), tell)
+
+
+def _write(
+    run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
+) -> None:
+    import netCDF4
+
+    with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
+        file.setncatts(run.attrs)
+        if files.scene.exists():
+            file.setncattr("scene_toml", files.scene.read_text(encoding="utf-8"))
+        total, done = sum(variable.size for variable in run.variables.values()), 0
+        for name, variable in run.variables.items():
+            if ALL[str(name)].kind is str:
+                write_texts(file, str(name), ALL[str(name)], variable.values)
+                done += variable.size
+                continue
+            packed = variable.encoding.get("dtype") == "int16"
+            kind = variable.dtype if name == "phi" else ALL[str(name)].kind
+            created = create(file, str(name), ALL[str(name)], variable.shape, kind, packed)
+            for first in range(0, len(variable), BLOCK):
+                values = variable[first : first + BLOCK].values
+                created[first : first + BLOCK] = pack_phi(values) if packed else values
+                done += values.size
+                if tell is not None:
+                    tell("packing", done, total)

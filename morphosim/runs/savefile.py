@@ -1,0 +1,267 @@
+"""One save as a netCDF file."""
+
+import json
+import platform
+import shutil
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.labels import label_image
+from morphosim.machine import processor, versions
+from morphosim.runs.variables import (
+    CONTACT_LIST,
+    CONTACT_MATRIX,
+    FIELDS,
+    LABEL_IMAGE,
+    LABELS,
+    MOST_DENSE_CELLS,
+    PER_TIME,
+    PHI_STEP,
+    Variable,
+)
+from morphosim.scenefile import numerics_table, physics_table
+
+if TYPE_CHECKING:
+    from morphosim.measure import Measurement
+    from morphosim.simulation import Simulation
+
+Values = Mapping[str, Any]
+CHUNK = 1 << 15
+"""Values per chunk of compressed fields."""
+
+
+def write_save(
+    path: Path,
+    simulation: "Simulation",
+    measured: "Measurement",
+    speeds: NDArray[np.float64],
+    fields: str,
+    labels: bool,
+) -> None:
+    """Write the netCDF file of the present state, in one go.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    import netCDF4
+
+    try:
+        with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
+            _write(file, simulation, measured, speeds, fields, labels)
+    except RuntimeError as error:  # HDF5 does not say what the system told it
+        free = shutil.disk_usage(path.parent).free
+        message = f"{error} (is the disk full? {free / 1e6:.1f} MB are free)"
+        raise OSError(message) from error
+
+
+def _write(
+    file: Any,
+    simulation: "Simulation",
+    measured: "Measurement",
+    speeds: NDArray[np.float64],
+    fields: str,
+    labels: bool,
+) -> None:
+    file.setncatts(provenance(simulation))
+    dense = len(simulation.cells) <= MOST_DENSE_CELLS
+    values = _names(simulation) | _table(simulation, measured, speeds)
+    if dense:
+        values |= {"contact_area": _matrix(measured, len(simulation.cells))[None]}
+    _fill(file, LABELS | PER_TIME | CONTACT_MATRIX, values)
+    if not dense:
+        _fill(file.createGroup("contacts"), CONTACT_LIST, _pairs(measured))
+    if fields != "none":
+        _fill(file.createGroup("fields"), FIELDS, _fields(simulation), packed=fields == "packed")
+    if labels:
+        _fill(file.createGroup("labels"), LABEL_IMAGE, _labels(simulation))
+
+
+def provenance(simulation: "Simulation") -> dict[str, Any]:
+    """Attributes that say what made a run: scene, physics, numerics, versions, machine, end."""
+    scene = simulation.scene
+    return {
+        "Conventions": "CF-1.11",
+        "title": f"MorphoSim run of {scene.name}",
+        "source": f"morphosim {version('morphosim')} on {platform.platform()}",
+        "scene": scene.name,
+        "spacing_um": scene.numerics.spacing,
+        "dt": scene.numerics.dt,
+        "seed": scene.numerics.seed,
+        "physics": json.dumps(physics_table(scene.physics)),
+        "numerics": json.dumps(numerics_table(scene.numerics)),
+        "confinement": repr(scene.confinement),
+        "versions": json.dumps(versions()),
+        "machine": processor(),
+        "threads": simulation.engine.workers,
+        "duration": scene.duration,
+        "error": simulation.error,
+    }
+
+
+def step_of(path: Path) -> int:
+    """Steps taken at a save."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        return int(file["step"][0])
+
+
+def _names(simulation: "Simulation") -> Values:
+    return {
+        "cell": simulation.names, "neighbour": simulation.names, "axis": list("xyz"),
+        "principal": np.arange(3), "parent": [cell.parent for cell in simulation.cells],
+    }  # fmt: skip
+
+
+def _table(
+    simulation: "Simulation", measured: "Measurement", speeds: NDArray[np.float64]
+) -> dict[str, Any]:
+    """Values of `PER_TIME`."""
+    engine, spacing = simulation.engine, simulation.scene.numerics.spacing
+    low = engine.pool.origin * spacing
+    moved = speeds[np.isfinite(speeds)]
+    values = {
+        "time": simulation.time,
+        "step": engine.steps,
+        "rms_speed": np.sqrt(np.mean(moved**2)) if len(moved) else np.nan,
+        "volume": engine.volumes,
+        "target_volume": _targets(simulation),
+        "core_volume": engine.core_volumes,
+        "centroid": measured.centroid,
+        "speed": speeds,
+        "box_low": low,
+        "box_high": low + (engine.pool.shape - 1) * spacing,
+        "face_peak": engine.face_peak,
+        "lost_volume": engine.lost_volume,
+    } | {
+        name: getattr(measured, name)
+        for name in (
+            "enclosed_volume", "surface_area", "sphericity", "irregularity", "semi_axes",
+            "principal_axes",
+        )
+    }  # fmt: skip
+    rows = {name: np.asarray(value)[None] for name, value in values.items()}
+    types = [cell.type for cell in simulation.cells]
+    return rows | {"stage": [simulation.stage], "type": [types]}
+
+
+def _targets(simulation: "Simulation") -> NDArray[np.float64]:
+    """Target volumes; NaN where a volume function fails, which has then ended the run."""
+    try:
+        return simulation.targets
+    except (TypeError, ValueError):
+        return np.full(len(simulation.cells), np.nan)
+
+
+def _matrix(measured: "Measurement", count: int) -> NDArray[np.float32]:
+    areas = np.zeros((count, count), np.float32)
+    i, j = measured.contacts.T
+    areas[i, j] = areas[j, i] = measured.contact_area
+    return areas
+
+
+def _pairs(measured: "Measurement") -> Values:
+    return {
+        "contact_time": np.zeros(len(measured.contacts), np.int32),
+        "contact_cell": measured.contacts[:, 0],
+        "contact_neighbour": measured.contacts[:, 1],
+        "contact_pair_area": measured.contact_area,
+    }
+
+
+def _fields(simulation: "Simulation") -> Values:
+    pool = simulation.engine.pool
+    count = len(pool)
+    return {
+        "row_size": pool.sizes(),
+        "box_time": np.zeros(count, np.int32),
+        "box_cell": np.arange(count),
+        "box_origin": pool.origin,
+        "box_shape": pool.shape,
+        "phi": np.concatenate([pool.box(i).ravel() for i in range(count)]),
+    }
+
+
+def _labels(simulation: "Simulation") -> Values:
+    origin, labels = label_image(simulation.fields)
+    return {
+        "label_size": [labels.size],
+        "label_time": [0],
+        "label_origin": origin[None],
+        "label_shape": [labels.shape],
+        "label": labels.ravel(),
+    }
+
+
+def _fill(
+    group: Any, variables: Mapping[str, Variable], values: Values, packed: bool = False
+) -> None:
+    """Write those variables of a group that have values, with their dimensions."""
+    for name, given in values.items():
+        value = np.asarray(given)
+        kind = value.dtype if name == "phi" else variables[name].kind
+        if kind is str:
+            write_texts(group, name, variables[name], value)
+            continue
+        created = create(group, name, variables[name], value.shape, kind, packed)
+        created[:] = pack_phi(value) if packed and name == "phi" else value
+
+
+def create(
+    group: Any,
+    name: str,
+    variable: Variable,
+    shape: tuple[int, ...],
+    kind: Any,
+    packed: bool = False,
+) -> Any:
+    """Add one variable to a netCDF group, compressed where that pays; values are written raw.
+
+    With `packed` the phase field takes the values of `pack_phi`.
+    """
+    _require(group, variable.dims, shape)
+    options: dict[str, Any] = {}
+    if np.prod(shape) > CHUNK // 8:
+        chunks = [min(n, CHUNK) for n in shape]
+        options = {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+    attributes: dict[str, Any] = dict(variable.attributes)
+    if packed and name == "phi":
+        kind, attributes["scale_factor"] = "i2", np.float32(PHI_STEP)
+    created = group.createVariable(name, kind, variable.dims, **options)
+    created.set_auto_maskandscale(False)
+    created.setncatts(attributes)
+    return created
+
+
+def write_texts(group: Any, name: str, variable: Variable, value: NDArray[Any]) -> None:
+    """Add one variable of texts, as CF's arrays of characters.
+
+    Strings of variable length crash the HDF5 library when one file is open twice.
+    """
+    texts = np.char.encode(value.astype(str), "utf-8")
+    length = max(texts.dtype.itemsize, 1)
+    dims = (*variable.dims, f"text{length}")
+    _require(group, dims, (*value.shape, length))
+    created = group.createVariable(name, "S1", dims, zlib=value.size > CHUNK // 8)
+    created.setncatts(variable.attributes | {"_Encoding": "utf-8"})
+    created.set_auto_chartostring(False)
+    characters = np.ascontiguousarray(texts.astype(f"S{length}")).view("S1")
+    created[:] = characters.reshape(*value.shape, length)
+
+
+def _require(group: Any, dims: Sequence[str], shape: Sequence[int]) -> None:
+    for dimension, size in zip(dims, shape, strict=True):
+        if dimension not in group.dimensions:
+            group.createDimension(dimension, size)
+
+
+def pack_phi(phi: NDArray[np.floating]) -> NDArray[np.int16]:
+    """Phase field as whole multiples of `PHI_STEP`."""
+    return np.rint(phi * phi.dtype.type(1 / PHI_STEP)).astype(np.int16)

@@ -1,0 +1,216 @@
+"""Saving a simulation as it goes on."""
+
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim import _validate
+from morphosim._files import replacing
+from morphosim.errors import SaveError
+from morphosim.measure import Measurement, measure
+from morphosim.runs.files import RunDirectory
+from morphosim.runs.savefile import step_of, write_save
+from morphosim.scene import SAVE_FIELDS
+from morphosim.scenefile import save_scene
+from morphosim.simulation import Simulation
+
+SPEED_TIME = 10.0
+"""*In silico* time over which speeds are measured (Supplementary Note 1.2)."""
+_log = logging.getLogger(__name__)
+
+
+class RunWriter:
+    """Observer that saves a simulation every so often, and at its end.
+
+    A save is whole or absent: killed at any moment, the directory holds all saves before and goes
+    on from the last of them.
+
+    Parameters
+    ----------
+    directory : path
+        Made if it does not exist; must not hold a run yet, unless `resume`.
+    every : float
+        *In silico* time between saves.
+    fields : {"packed", "exact", "none"}
+        See `Scene.save_fields`.
+    labels : bool
+        Whether each save also has a label image.
+    resume : bool
+        Whether to add to the run that the directory holds; the simulation must be that of
+        `Simulation.from_run`.
+
+    Raises
+    ------
+    FileExistsError
+        The directory holds a run, or another process is writing one there.
+    SaveError
+        While running: a save could not be written. All saves before are whole.
+
+    Examples
+    --------
+    >>> from morphosim import built_in_scene
+    >>> simulation = Simulation(built_in_scene("single-cell"))
+    >>> simulation.run(until=40, observers=[RunWriter("runs/one", every=20)])  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        every: float,
+        *,
+        fields: str = "packed",
+        labels: bool = False,
+        resume: bool = False,
+    ) -> None:
+        self.files = RunDirectory(Path(directory))
+        self.every = _validate.number("every", every, above=0)
+        _validate.choice("fields", fields, SAVE_FIELDS)
+        _validate.flag("labels", labels)
+        self.fields, self.labels, self.resume = fields, labels, resume
+        if not resume:
+            self._check_free()
+        self._make_folder()
+        self._lock: Any = None
+
+    @property
+    def directory(self) -> Path:
+        """Directory of the run."""
+        return self.files.path
+
+    def start(self, simulation: Simulation) -> None:
+        """Lock the directory, write the scene, and save the start."""
+        self._lock = self.files.locked()
+        try:
+            if self.resume:
+                self._check_fits(simulation)
+            else:
+                self._check_free()
+            self.files.tidy()
+            self._number = self.files.last
+            self._saved = simulation.engine.steps if self.files.saves else -1
+            self._since = _Since(simulation)
+            if not self.resume:
+                self._write_scene(simulation)
+            self._plan(simulation)
+            self._save(simulation)
+        except BaseException:
+            self._lock.release()
+            raise
+
+    def after_step(self, simulation: Simulation) -> None:
+        """Save if a save is due."""
+        steps = simulation.engine.steps
+        if steps == self._measured_from:
+            self._since = _Since(simulation)
+        if steps >= self._due:
+            self._save(simulation)
+            self._plan(simulation)
+
+    def finish(self, simulation: Simulation) -> None:
+        """Save the last state, unless a step was broken off, and unlock the directory."""
+        try:
+            if simulation.engine.whole:
+                self._save(simulation)
+        finally:
+            self._lock.release()
+
+    def _make_folder(self) -> None:
+        try:
+            self.files.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            message = (
+                f"cannot make the directory {self.directory}: {error.strerror or error}; take "
+                "another one"
+            )
+            raise SaveError(message) from error
+
+    def _check_free(self) -> None:
+        if self.files.saves:
+            message = (
+                f"{self.directory} already holds a run; take another directory, or go on with it: "
+                f"morphosim run --resume {self.directory}"
+            )
+            raise FileExistsError(message)
+
+    def _check_fits(self, simulation: Simulation) -> None:
+        """Raise ValueError unless the simulation is at the last save."""
+        saved = step_of(self.files.save(self.files.last)) if self.files.saves else 0
+        if saved != simulation.engine.steps:
+            message = (
+                f"{self.directory} was last saved at step {saved}, the simulation is at step "
+                f"{simulation.engine.steps}; take Simulation.from_run({str(self.directory)!r})"
+            )
+            raise ValueError(message)
+
+    def _write_scene(self, simulation: Simulation) -> None:
+        """Scene file, where a file can say the scene."""
+        try:
+            save_scene(simulation.scene, self.files.scene)
+        except ValueError as error:
+            _log.warning("%s is not written: %s", self.files.scene, error)
+        except OSError as error:
+            raise self._error(simulation, error) from error
+
+    def _plan(self, simulation: Simulation) -> None:
+        """Find the step at which the next save is due, and from which its speed is measured."""
+        dt, steps = simulation.scene.numerics.dt, simulation.engine.steps
+        passed = np.floor(steps * dt / self.every + 1e-9)
+        self._due = max(int(np.ceil((passed + 1) * self.every / dt - 1e-6)), steps + 1)
+        self._measured_from = self._due - max(int(SPEED_TIME / dt + 1e-9), 1)
+
+    def _save(self, simulation: Simulation) -> None:
+        if simulation.engine.steps == self._saved:
+            return
+        number = self._number + 1
+        try:
+            with ThreadPoolExecutor(1) as other:
+                state = other.submit(simulation.snapshot_now().write, self.files.restart(number))
+                with replacing(self.files.save(number)) as partial:
+                    write_save(
+                        partial, simulation, _measured(simulation),
+                        self._since.speeds(simulation), self.fields, self.labels,
+                    )  # fmt: skip
+                    state.result()  # a save appears after its state
+            self.files.restart(self._number).unlink(missing_ok=True)
+        except OSError as error:
+            raise self._error(simulation, error) from error
+        self._number, self._saved = number, simulation.engine.steps
+        self._since = _Since(simulation)
+
+    def _error(self, simulation: Simulation, error: OSError) -> SaveError:
+        message = (
+            f"cannot save t = {simulation.time:g} in {self.directory}: {error.strerror or error}. "
+            f"All {len(self.files.saves)} saves before are whole. Make room or allow writing, then "
+            f"go on with: morphosim run --resume {self.directory}"
+        )
+        return SaveError(message)
+
+
+class _Since:
+    """Where the cells were at some step, to measure their speed from."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.time = simulation.time
+        self.centroids = dict(zip(simulation.names, simulation.centroids, strict=True))
+
+    def speeds(self, simulation: Simulation) -> NDArray[np.float64]:
+        """(N,) mean speed of each cell since then, µm per time; NaN where there is none."""
+        nowhere = np.full(3, np.nan)
+        before = np.array([self.centroids.get(name, nowhere) for name in simulation.names])
+        span = simulation.time - self.time
+        if span <= 0:
+            return np.full(len(before), np.nan)
+        return np.asarray(np.linalg.norm(simulation.centroids - before, axis=1) / span)
+
+
+def _measured(simulation: Simulation) -> Measurement:
+    """Shapes and contacts of all cells, on the simulation's threads."""
+    pool = simulation.engine.pool
+    with simulation.engine.limited_threads():
+        return measure(
+            pool.phi, pool.origin, pool.shape, pool.start, simulation.scene.numerics.spacing
+        )

@@ -1,0 +1,161 @@
+"""One Dataset of all saves, of cells that come and go, read lazily, packed into one file."""
+
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+from morphosim import (
+    Cell,
+    Numerics,
+    Physics,
+    RunWriter,
+    Scene,
+    Simulation,
+    Sphere,
+    load_fields,
+    open_run,
+    pack,
+)
+from morphosim.runs import lazy, savefile
+
+
+def simulation(names: str = "abc", **options: object) -> Simulation:
+    cells = [
+        Cell(name=name, shape=Sphere(center=(5.5 * k, 0, 0), radius=3), parent="m" + name)
+        for k, name in enumerate(names)
+    ]
+    return Simulation(
+        Scene(cells=cells, numerics=Numerics(threads=1), physics=Physics(sigma=0.5), **options)
+    )
+
+
+@pytest.fixture
+def changing(tmp_path: Path) -> Path:
+    """Run whose first cell goes and whose last is new, as after a division."""
+    folder = tmp_path / "run"
+    simulation("abc").run(until=0, observers=[RunWriter(folder, 2, labels=True)])
+    simulation("bcd").run(until=0, observers=[RunWriter(tmp_path / "later", 2, labels=True)])
+    later = folder / "save-000001.nc"
+    (tmp_path / "later" / "save-000000.nc").rename(later)
+    with netCDF4.Dataset(later, "a") as file:
+        file["time"][:] = 2.0
+    return folder
+
+
+def test_cells_that_come_and_go(changing: Path) -> None:
+    with open_run(changing) as data:
+        assert data["cell"].values.tolist() == list("abcd")
+        assert data["parent"].values.tolist() == ["ma", "mb", "mc", "md"]
+        alive = np.isfinite(data["volume"].values)
+        assert alive.tolist() == [[True, True, True, False], [False, True, True, True]]
+        x = data["centroid"].sel(axis="x").values
+        np.testing.assert_allclose(x[1, 1:], [0, 5.5, 11], atol=1e-3)
+        areas = data["contact_area"]
+        assert float(areas.sel(time=0, cell="a", neighbour="b")) > 0
+        assert np.isnan(areas.sel(time=2, cell="a", neighbour="b"))
+        assert float(areas.sel(time=2, cell="c", neighbour="d")) > 0
+        assert [f.name for f in load_fields(data, 0)] == list("abc")
+        assert [f.name for f in load_fields(data, 1)] == list("bcd")
+        assert [f.name for f in load_fields(data, 1, ["d", "b"])] == ["b", "d"]
+        first = int(data["label_size"][0])
+        assert set(np.unique(data["label"][:first].values)) == {0, 1, 2, 3}
+        assert set(np.unique(data["label"][first:].values)) == {0, 2, 3, 4}
+
+
+def test_plain_xarray_joins_cells_that_come_and_go(changing: Path) -> None:
+    saves = [xr.open_dataset(path) for path in sorted(changing.glob("save-*.nc"))]
+    plain = xr.concat(saves, "time", join="outer", data_vars="all", coords="minimal", compat="override")
+    with open_run(changing) as data:
+        np.testing.assert_array_equal(plain["volume"].sel(cell=data["cell"]), data["volume"])
+
+
+def test_contacts_are_a_list_beyond_many_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dense = tmp_path / "dense"
+    simulation().run(until=2, observers=[RunWriter(dense, 2)])
+    monkeypatch.setattr(savefile, "MOST_DENSE_CELLS", 2)
+    simulation().run(until=2, observers=[RunWriter(tmp_path / "list", 2)])
+    with open_run(dense) as data:
+        areas = data["contact_area"].values
+    with open_run(tmp_path / "list") as data:
+        assert "contact_area" not in data
+        rows = [data[f"contact_{k}"].values for k in ("time", "cell", "neighbour")]
+        assert rows[0].tolist() == [0, 0, 1, 1]
+        np.testing.assert_array_equal(data["contact_pair_area"], areas[tuple(rows)])
+    # A run of both kinds gives the list.
+    (tmp_path / "list" / "save-000001.nc").rename(dense / "save-000002.nc")
+    with open_run(dense) as data:
+        assert data["contact_time"].values.tolist() == [0, 0, 1, 1, 2, 2]
+        np.testing.assert_array_equal(
+            data["contact_pair_area"][:4], areas[tuple(row[:4] for row in rows)]
+        )
+
+
+def test_fields_are_read_when_they_are_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation().run(until=6, observers=[RunWriter(tmp_path, 2)])
+    reads = []
+    read = lazy.Segment.read
+    with open_run(tmp_path) as data:
+        monkeypatch.setattr(
+            lazy.Segment, "read",
+            lambda self, part: reads.append((self.path.name, part)) or read(self, part),
+        )  # fmt: skip
+        load_fields(data, 2)
+        assert [name for name, _ in reads] == ["save-000002.nc"]
+        reads.clear()
+        load_fields(data, 1, ["b"])
+        ((name, part),) = reads
+        assert name == "save-000001.nc"
+        assert part.stop - part.start == int(data["row_size"][4])
+        reads.clear()
+        everything = data["phi"].values
+        assert len(reads) == 4
+        for key in (slice(5, 3000, 7), slice(None, None, -1000), 17, slice(9, 9)):
+            np.testing.assert_array_equal(data["phi"][key].values, everything[key])
+
+
+@pytest.mark.parametrize("kept", ["packed", "exact", "none"])
+def test_a_packed_run_is_the_same_dataset(tmp_path: Path, kept: str) -> None:
+    folder, file = tmp_path / "run", tmp_path / "run.nc"
+    simulation().run(until=4, observers=[RunWriter(folder, 2, fields=kept, labels=True)])
+    told = []
+    pack(folder, file, lambda *progress: told.append(progress))
+    with open_run(folder) as data, xr.open_dataset(file) as plain, open_run(file) as packed:
+        assert set(plain.variables) == set(data.variables)
+        for name in data.variables:
+            xr.testing.assert_identical(data[name].variable, plain[name].variable)
+        for name, value in data.attrs.items():
+            assert plain.attrs[name] == value
+        assert plain.attrs["scene_toml"] == (folder / "scene.toml").read_text()
+        if kept != "none":
+            np.testing.assert_array_equal(
+                load_fields(packed, 1)[2].phi, load_fields(data, 1)[2].phi
+            )
+    assert told[-1][1] == told[-1][2]
+    assert [p.name for p in tmp_path.iterdir() if "partial" in p.name] == []
+
+
+def test_packing_runs_of_changing_cells(changing: Path, tmp_path: Path) -> None:
+    pack(changing, tmp_path / "run.nc")
+    with open_run(changing) as data, open_run(tmp_path / "run.nc") as packed:
+        for name in data.variables:
+            xr.testing.assert_identical(data[name].variable, packed[name].variable)
+
+
+def test_packing_does_not_overwrite(changing: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.nc").write_text("mine")
+    with pytest.raises(FileExistsError, match="exists"):
+        pack(changing, tmp_path / "run.nc")
+    assert (tmp_path / "run.nc").read_text() == "mine"
+
+
+def test_a_damaged_save_is_named(changing: Path) -> None:
+    (changing / "save-000001.nc").write_bytes(b"no netCDF")
+    with pytest.raises(OSError, match=r"save-000001\.nc"):
+        open_run(changing)

@@ -1,0 +1,257 @@
+"""Going on with saved runs: to the same bits, or with another scene."""
+
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from morphosim import (
+    Cell,
+    DivergenceError,
+    Numerics,
+    Physics,
+    RunWriter,
+    Scene,
+    Simulation,
+    Sphere,
+    VolumeCourse,
+    load_scene,
+    open_run,
+)
+from morphosim.snapshot import Snapshot
+
+from ..helpers import EXPECTED_TO_FAIL
+
+
+def scene(**options: Any) -> Scene:
+    """Three cells that move, push, pull, grow and make noise."""
+    course = VolumeCourse(times=[0, 200], volumes=[113, 180])
+    cells = [
+        Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=3), volume=course),
+        Cell(name="b", shape=Sphere(center=(5.5, 0, 0), radius=3), gamma=0.3),
+        Cell(name="c", shape=Sphere(center=(0, 5.5, 0), radius=3)),
+    ]
+    numerics = {"threads": 1, "seed": 3} | options.pop("numerics", {})
+    physics = {"sigma": 0.5, "kappa": 0.2} | options.pop("physics", {})
+    return Scene(
+        **({"cells": cells, "duration": 120.0, "save_every": 20.0} | options),
+        numerics=Numerics(**numerics), physics=Physics(**physics),
+    )  # fmt: skip
+
+
+def run(chosen: Scene, folder: Path, until: float | None = None) -> Simulation:
+    simulation = Simulation(chosen)
+    simulation.run(until=until, observers=[RunWriter(folder, chosen.save_every)])
+    return simulation
+
+
+def assert_same_state(a: Simulation, b: Simulation) -> None:
+    first, second = a.snapshot_now(), b.snapshot_now()
+    assert first.arrays.keys() == second.arrays.keys()
+    for name, values in first.arrays.items():
+        np.testing.assert_array_equal(values, second.arrays[name], err_msg=name)
+    for name in ("names", "steps", "fresh", "stage", "removed"):
+        assert getattr(first, name) == getattr(second, name), name
+
+
+@pytest.mark.parametrize("solver", ["dct", "band"])
+def test_a_run_goes_on_to_the_same_bits(tmp_path: Path, solver: str) -> None:
+    chosen = scene(numerics={"solver": solver})
+    whole = run(chosen, tmp_path / "whole")
+    run(chosen, tmp_path / "parts", until=50)
+    again = Simulation.from_run(tmp_path / "parts")
+    assert again.time == 50
+    again.run(observers=[RunWriter(tmp_path / "parts", 20, resume=True)])
+    assert_same_state(whole, again)
+    with open_run(tmp_path / "whole") as data, open_run(tmp_path / "parts") as parts:
+        assert parts["time"].values.tolist() == [0, 20, 40, 50, 60, 80, 100, 120]
+        common = parts.sel(time=data["time"])
+        for name in data.variables:
+            if {"box", "sample"}.isdisjoint(data[name].dims):
+                np.testing.assert_array_equal(data[name], common[name], err_msg=str(name))
+        size = int(data["row_size"][-3:].sum())
+        np.testing.assert_array_equal(data["phi"][-size:].values, parts["phi"][-size:].values)
+
+
+def test_a_run_goes_on_from_its_very_start(tmp_path: Path) -> None:
+    chosen = scene(duration=6.0)
+    run(chosen, tmp_path / "parts", until=0)
+    again = Simulation.from_run(tmp_path / "parts")
+    assert again.engine.fresh
+    again.run()
+    assert_same_state(run(chosen, tmp_path / "whole"), again)
+
+
+def test_removed_cells_and_stage_are_remembered(tmp_path: Path) -> None:
+    cells = [
+        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=radius))
+        for name, x, radius in (("small", 0.0, 3.0), ("large", 20.0, 6.0))
+    ]
+    old = {"c": 1.0, "volume_constraint": "absolute", "sigma": 0.0, "kappa": 0.0}
+    chosen = scene(cells=cells, physics=old, on_vanish="remove", duration=300.0, save_every=100.0)
+    simulation = Simulation(chosen)
+    simulation.stage = "waiting"
+    simulation.run(until=250, observers=[RunWriter(tmp_path, 100)])
+    assert [name for _, name in simulation.removed] == ["small"]
+    again = Simulation.from_run(tmp_path)
+    assert again.names == ["large"]
+    assert_same_state(simulation, again)
+    with open_run(tmp_path) as data:
+        assert set(data["stage"].values) == {"waiting"}
+
+
+def test_what_a_killed_process_leaves_is_cleared_away(tmp_path: Path) -> None:
+    chosen = scene()
+    run(chosen, tmp_path, until=20)
+    for name in ("save-000002.nc.partial", "restart-000002.npz.partial", "restart-000002.npz"):
+        (tmp_path / name).write_bytes(b"half")
+    again = Simulation.from_run(tmp_path)
+    again.run(until=40, observers=[RunWriter(tmp_path, 20, resume=True)])
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {"lock", "scene.toml", "restart-000002.npz"} | {
+        f"save-00000{k}.nc" for k in range(3)
+    }
+    assert Snapshot.read(tmp_path / "restart-000002.npz").steps == 20
+
+
+def test_two_runs_into_one_directory_are_refused(tmp_path: Path) -> None:
+    class Second:
+        def start(self, simulation: Simulation) -> None:
+            with pytest.raises(FileExistsError, match="already holds a run"):
+                RunWriter(tmp_path, 20)
+            with pytest.raises(FileExistsError, match="another run is being written"):
+                RunWriter(tmp_path, 20, resume=True).start(simulation)
+
+        def after_step(self, simulation: Simulation) -> None:
+            pass
+
+        def finish(self, simulation: Simulation) -> None:
+            pass
+
+    Simulation(scene()).run(until=0, observers=[RunWriter(tmp_path, 20), Second()])
+
+
+def test_a_simulation_of_another_time_does_not_go_on(tmp_path: Path) -> None:
+    run(scene(), tmp_path, until=20)
+    with pytest.raises(ValueError, match="last saved at step 10, the simulation is at step 0"):
+        Simulation(scene()).run(observers=[RunWriter(tmp_path, 20, resume=True)])
+
+
+@EXPECTED_TO_FAIL
+def test_a_run_that_diverged_does_not_go_on(tmp_path: Path) -> None:
+    with pytest.raises(DivergenceError):
+        run(scene(physics={"M": 1e6}), tmp_path, until=300)
+    with pytest.raises(ValueError, match="ended by an error and cannot go on: cell .* diverged"):
+        Simulation.from_run(tmp_path)
+    other = Simulation.from_run(tmp_path, scene=scene(), time=0)
+    other.run(until=10)
+
+
+def test_no_run_and_no_scene(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"has no scene\.toml"):
+        Simulation.from_run(tmp_path)
+
+
+def test_a_snapshot_of_another_version_is_refused(tmp_path: Path) -> None:
+    simulation = Simulation(scene())
+    path = tmp_path / "state.npz"
+    simulation.snapshot_now().write(path)
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    arrays["facts"] = np.array(str(arrays["facts"]).replace('"format": 1', '"format": 0'))
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match="another version"):
+        Snapshot.read(path)
+
+
+# --- branches ----------------------------------------------------------------------------------
+
+
+def test_another_scene_starts_from_a_save(tmp_path: Path) -> None:
+    simulation = run(scene(), tmp_path / "first", until=40)
+    saved = dict(zip(simulation.names, simulation.centroids, strict=True))
+    weak = scene(cells=scene().cells[:2], physics={"sigma": 0.0}, duration=20.0)
+    branch = Simulation.from_run(tmp_path / "first", scene=weak)
+    assert branch.time == 0
+    assert branch.names == ["a", "b"]
+    assert branch.scene.physics.attraction.default == 0
+    for name, at in zip(branch.names, branch.centroids, strict=True):
+        np.testing.assert_allclose(at, saved[name], atol=2e-3)
+    assert branch.targets[0] == 113  # the scene's, at t = 0
+    branch.run(observers=[RunWriter(tmp_path / "second", 20)])
+    repeated = Simulation(load_scene(tmp_path / "second" / "scene.toml"))
+    repeated.run()
+    assert_same_state(branch, repeated)
+
+
+def test_a_branch_from_an_earlier_save(tmp_path: Path) -> None:
+    run(scene(), tmp_path, until=60)
+    with open_run(tmp_path) as data:
+        wanted = data["centroid"].sel(time=20).values
+    branch = Simulation.from_run(tmp_path, time=22)
+    np.testing.assert_allclose(branch.centroids, wanted, atol=2e-3)
+
+
+def test_a_branch_on_another_lattice(tmp_path: Path) -> None:
+    simulation = run(scene(), tmp_path, until=20)
+    branch = Simulation.from_run(tmp_path, scene=scene(numerics={"spacing": 0.4}))
+    np.testing.assert_allclose(branch.centroids, simulation.centroids, atol=0.02)
+    np.testing.assert_allclose(branch.volumes, simulation.volumes, rtol=0.02)
+
+
+def test_a_cell_that_the_run_does_not_have(tmp_path: Path) -> None:
+    run(scene(), tmp_path, until=0)
+    cells = [*scene().cells, Cell(name="d", shape=Sphere(center=(20, 0, 0), radius=3))]
+    with pytest.raises(ValueError, match=r"cell of scene 'scene' in the run .*'d' is not known"):
+        Simulation.from_run(tmp_path, scene=scene(cells=cells))
+
+
+# --- interruption ------------------------------------------------------------------------------
+
+
+def interrupt_soon(times: int) -> threading.Thread:
+    """Press Ctrl-C some time after the steps have begun."""
+
+    def press() -> None:
+        time.sleep(0.2)
+        for _ in range(times):
+            signal.raise_signal(signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    return thread
+
+
+def test_ctrl_c_waits_for_the_step_and_saves(tmp_path: Path) -> None:
+    chosen = scene(duration=1e6, save_every=1e5)
+    simulation = Simulation(chosen)
+    simulation.step(2)
+    thread = interrupt_soon(1)
+    with pytest.raises(KeyboardInterrupt):
+        simulation.run(observers=[RunWriter(tmp_path, 1e5)])
+    thread.join()
+    assert simulation.engine.whole
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    again = Simulation.from_run(tmp_path)
+    assert_same_state(simulation, again)
+
+
+def test_a_step_that_is_broken_off_is_not_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = Simulation(scene())
+
+    def broken() -> None:
+        if simulation.time >= 40:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulation.engine, "_refit", broken)
+    with pytest.raises(KeyboardInterrupt):
+        simulation.run(observers=[RunWriter(tmp_path, 20)])
+    assert not simulation.engine.whole
+    with open_run(tmp_path) as data:
+        assert data["time"].values.tolist() == [0, 20]
