@@ -12,6 +12,10 @@ from numba import prange
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.surfaces import corners, crossings, cubes_of, cut_cube, load_extent
 
+REACH = 2
+"""Pieces of surface count in cubes of whose points one is in the neighbour's extent, and in those
+next to them: a piece can lie half in the contact with its centre outside."""
+
 
 class Neighbours(NamedTuple):
     """Cells that each cell may touch."""
@@ -36,7 +40,10 @@ def normal(v):
 @inline_kernel()
 def ends(u, n):
     """Points u and u + 1 of an axis of n points, kept on it; and 1 for each that is on it, or 0."""
-    return max(u, 0), min(u + 1, n - 1), np.float64(u >= 0), np.float64(u + 1 < n)
+    return (
+        min(max(u, 0), n - 1), min(max(u + 1, 0), n - 1),
+        np.float64(0 <= u < n), np.float64(0 <= u + 1 < n),
+    )  # fmt: skip
 
 
 @inline_kernel()
@@ -94,7 +101,7 @@ def covered(j, fields, u, v, w, piece, level):
 @inline_kernel()
 def covered_in_row(j, fields, u, v, w, found, cubes, pieces, level):
     """Area of those pieces of a row of cubes, the first at (u, v, w) of cell j's box."""
-    z0, z1 = fields.extent[j, 2, 0] - 1 - w, fields.extent[j, 2, 1] - w
+    z0, z1 = fields.extent[j, 2, 0] - REACH - w, fields.extent[j, 2, 1] + REACH - 1 - w
     area = 0.0
     for k in range(found):
         if z0 <= cubes[k] < z1:
@@ -104,10 +111,10 @@ def covered_in_row(j, fields, u, v, w, found, cubes, pieces, level):
 
 @inline_kernel()
 def reaches(j, fields, u, v):
-    """Whether cell j's extent reaches into the row of cubes (u, v) of its box."""
+    """Whether the row of cubes (u, v) of cell j's box is within reach of its extent."""
     return (
-        fields.extent[j, 0, 0] - 1 <= u < fields.extent[j, 0, 1]
-        and fields.extent[j, 1, 0] - 1 <= v < fields.extent[j, 1, 1]
+        fields.extent[j, 0, 0] - REACH <= u < fields.extent[j, 0, 1] + REACH - 1
+        and fields.extent[j, 1, 0] - REACH <= v < fields.extent[j, 1, 1] + REACH - 1
     )
 
 

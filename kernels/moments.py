@@ -86,8 +86,8 @@ def find_extent(i, fields, level):
     nx, ny, nz = fields.shape[i, 0], fields.shape[i, 1], fields.shape[i, 2]
     for x in range(nx):
         for y in range(ny):
-            row = np.uint64(fields.start[i] + (x * ny + y) * nz)
-            if row_peak(fields.phi, row, nz) > level:
+            row = fields.start[i] + (x * ny + y) * nz
+            if row_peak(fields.phi, np.uint64(row), nz) > level:
                 z0, z1 = row_span(fields.phi, row, nz, level)
                 include(fields.extent, i, 0, x, x + 1)
                 include(fields.extent, i, 1, y, y + 1)

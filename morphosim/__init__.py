@@ -32,7 +32,7 @@ _EXPORTS = {
     "Physics": "physics",
     "ProgressBar": "progress",
     "pack": "runs.pack",
-    "load_fields": "runs.reader",
+    "load_fields": "runs.fields",
     "open_run": "runs.reader",
     "RunWriter": "runs.writer",
     "Cell": "scene",
@@ -58,8 +58,9 @@ if TYPE_CHECKING:
     from morphosim.numerics import Numerics
     from morphosim.physics import Physics
     from morphosim.progress import ProgressBar
+    from morphosim.runs.fields import load_fields
     from morphosim.runs.pack import pack
-    from morphosim.runs.reader import load_fields, open_run
+    from morphosim.runs.reader import open_run
     from morphosim.runs.writer import RunWriter
     from morphosim.scene import Cell, Scene, VolumeCourse
     from morphosim.scenefile import load_scene, save_scene

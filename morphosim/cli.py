@@ -222,7 +222,8 @@ def contacts(
 ) -> None:
     """List which cells touch, and over what area."""
     from morphosim.contacts import contact_areas, touching
-    from morphosim.runs.reader import load_fields, open_run, time_index
+    from morphosim.runs.fields import load_fields, time_index
+    from morphosim.runs.reader import open_run
 
     with open_run(directory) as data:
         index = time_index(data, time)

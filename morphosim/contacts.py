@@ -2,7 +2,8 @@
 
 Definitions of the published program: two cells touch where {φ > 0.44}, dilated by one lattice
 step, overlap; the contact area of i with j is that part of the φ_i = 0.34 surface on which
-φ_j >= 0.2, and the area of a pair is the mean of both sides.
+φ_j >= 0.2, and the area of a pair is the mean of both sides. Surfaces are found by marching
+tetrahedra, and how much of them is in contact by linear interpolation.
 """
 
 from collections.abc import Sequence
@@ -89,8 +90,7 @@ def prepare(
     load = np.cumsum([0, *shape.prod(axis=1)])
     bounds = np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads).astype(np.int64)
     fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
-    # Just below the lowest level that counts: the kernel takes what is above.
-    find_extents(bounds, fields, np.nextafter(min(NEIGHBOUR_LEVEL, SURFACE_LEVEL), 0))
+    find_extents(bounds, fields, NEIGHBOUR_LEVEL)  # the lowest level of all
     points = np.maximum(fields.extent[:, :, 1] - fields.extent[:, :, 0] + 2, 1)
     most, longest = points.prod(axis=1).max(initial=1), points[:, 2].max(initial=1)
     work = Work(
@@ -105,7 +105,7 @@ def pair_areas(prepared: Prepared, spacing: float) -> tuple[Integers, NDArray[np
     """Pairs (P, 2) of cells in contact, i < j and sorted, and their contact areas (P,) in µm²."""
     fields = prepared.fields
     low, high = fields.origin + fields.extent[:, :, 0], fields.origin + fields.extent[:, :, 1]
-    pairs = overlapping(low - 1, high)  # a surface is between a point that is above and one below
+    pairs = overlapping(low - 1, high + 1)  # from the cubes of one in reach of the other
     both = np.concatenate([pairs, pairs[:, ::-1]])
     order = np.lexsort((both[:, 1], both[:, 0]))
     neighbours = Neighbours(

@@ -333,6 +333,13 @@ def numerics_table(numerics: Numerics) -> dict[str, Any]:
     return _plain_table(numerics)
 
 
+def settings(scene: Scene) -> dict[str, Any]:
+    """What must stay the same for a run to go on as if it had never stopped."""
+    numerics = numerics_table(scene.numerics)
+    del numerics["threads"]
+    return {"physics": physics_table(scene.physics), "numerics": numerics}
+
+
 def physics_table(physics: Physics) -> dict[str, Any]:
     """Physics as a scene file says them."""
     sigma = physics.attraction

@@ -16,6 +16,7 @@ from morphosim.fields import CellField, centroid
 from morphosim.initial import lattice_field
 from morphosim.interrupts import deferred_interrupts
 from morphosim.scene import Cell, Scene
+from morphosim.scenefile import settings
 from morphosim.snapshot import Snapshot
 
 OUTSIDE_ALLOWED = 0.5
@@ -42,7 +43,7 @@ class Simulation:
     Parameters
     ----------
     scene : Scene
-    snapshot : Snapshot, optional
+    state : Snapshot, optional
         State to go on from, of a simulation of the same scene; see `from_run`.
 
     Attributes
@@ -79,26 +80,26 @@ class Simulation:
     """
 
     scene: Scene
-    snapshot: InitVar[Snapshot | None] = None
+    state: InitVar[Snapshot | None] = None
     cells: list[Cell] = field(init=False)
     engine: Engine = field(init=False)
     removed: list[tuple[float, str]] = field(init=False, default_factory=list)
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
 
-    def __post_init__(self, snapshot: Snapshot | None) -> None:
+    def __post_init__(self, state: Snapshot | None) -> None:
         scene = self.scene
-        self.cells = list(scene.cells) if snapshot is None else _alive(scene, snapshot)
+        self.cells = list(scene.cells) if state is None else _alive(scene, state)
         gamma = dict(zip(scene.names, scene.tensions, strict=True))
         self.engine = Engine(
             scene.physics, scene.numerics, scene.confinement, self.names,
             [c.type for c in self.cells], np.array([gamma[c.name] for c in self.cells]),
             np.array([c.frozen for c in self.cells]),
-            _start_fields(scene) if snapshot is None else _saved_fields(snapshot),
+            _start_fields(scene) if state is None else _saved_fields(state),
         )  # fmt: skip
-        if snapshot is not None:
-            self.engine.restore(snapshot.arrays, snapshot.steps, snapshot.fresh)
-            self.stage, self.removed = snapshot.stage, list(snapshot.removed)
+        if state is not None:
+            self.engine.restore(state.arrays, state.steps, state.fresh)
+            self.stage, self.removed = state.stage, list(state.removed)
         stability.check(scene)
         self._set_targets()
 
@@ -139,7 +140,7 @@ class Simulation:
             return cls(*resume.saved_state(Path(directory)))
         return cls(resume.branched_scene(Path(directory), scene, time))
 
-    def snapshot_now(self) -> Snapshot:
+    def snapshot(self) -> Snapshot:
         """The whole present state."""
         return Snapshot(
             names=tuple(self.names),
@@ -147,6 +148,7 @@ class Simulation:
             fresh=self.engine.fresh,
             stage=self.stage,
             removed=tuple(self.removed),
+            settings=settings(self.scene),
             arrays=self.engine.contents(),
         )
 

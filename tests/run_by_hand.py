@@ -162,7 +162,7 @@ def with_contact_list(data: xr.Dataset) -> xr.Dataset:
     return rest.assign({f"contact_{name}": ("contact", v) for name, v in listed.items()})
 
 
-def with_label_images(run: Run) -> xr.Dataset:
+def images_only(run: Run) -> xr.Dataset:
     """The same run with label images, and without fields."""
     origins, images = [], []
     for save in run.saves:

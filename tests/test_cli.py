@@ -82,6 +82,40 @@ def test_options_change_the_scene(run_directory: Path, tmp_path: Path) -> None:
         assert data.attrs["dt"] == 1
 
 
+def test_a_run_goes_on_from_where_it_stopped(run_directory: Path, tmp_path: Path) -> None:
+    call("run", run_directory, "-o", tmp_path / "parts", "--until", 10)
+    call("run", "--resume", tmp_path / "parts", "--until", 20, "--threads", 1)
+    with open_run(run_directory) as first, open_run(tmp_path / "parts") as second:
+        assert second["time"].values.tolist() == [0, 10, 20]
+        assert (first["phi"].values == second["phi"].values).all()
+    assert load_scene(tmp_path / "parts" / "scene.toml").duration == 20
+
+
+def test_a_run_goes_on_with_nothing_else_to_do(run_directory: Path) -> None:
+    before = {p.name: p.read_bytes() for p in run_directory.glob("save-*.nc")}
+    call("run", "--resume", run_directory)
+    assert {p.name: p.read_bytes() for p in run_directory.glob("save-*.nc")} == before
+
+
+def test_a_scene_starts_from_a_saved_run(run_directory: Path, tmp_path: Path) -> None:
+    call(
+        "run", run_directory, "-o", tmp_path / "weak", "--from", run_directory, "--time", 10,
+        "--set", "physics.sigma=0.1", "--until", 4,
+    )  # fmt: skip
+    with open_run(run_directory) as first, open_run(tmp_path / "weak") as second:
+        before = first.sel(time=10)["volume"].values
+        np.testing.assert_allclose(second["volume"].values[0], before, rtol=1e-3)
+    assert load_scene(tmp_path / "weak" / "scene.toml").physics.attraction.default == 0.1
+
+
+def test_a_run_is_packed_into_one_file(run_directory: Path, tmp_path: Path) -> None:
+    assert "MB" in call("pack", run_directory, tmp_path / "run.nc")
+    with open_run(run_directory) as first, open_run(tmp_path / "run.nc") as second:
+        assert (first["phi"].values == second["phi"].values).all()
+    assert "3 saves, t = 0 to 20" in call("info", tmp_path / "run.nc")
+    assert "left" in call("contacts", tmp_path / "run.nc")
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -91,6 +125,13 @@ def test_options_change_the_scene(run_directory: Path, tmp_path: Path) -> None:
         (["run", "single-cell", "-o", "run", "--set", "gamma"], "key=value"),
         (["run", "single-cell", "-o", "run", "--dt", "-1"], "numerics.dt = -1.0"),
         (["info", "nowhere"], "holds no run"),
+        (["run", "single-cell"], "needs a scene and --output"),
+        (["run", "single-cell", "-o", "run", "--time", "3"], "--from"),
+        (["run", "--resume", "run", "--dt", "1"], "numerics.dt cannot change"),
+        (["run", "single-cell", "--resume", "run"], "--until and --threads alone"),
+        (["run", "--resume", "run"], "has no scene.toml"),
+        (["run", "single-cell", "-o", "run", "--from", "nowhere"], "holds no run"),
+        (["pack", "nowhere", "run.nc"], "holds no run"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(

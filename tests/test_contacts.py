@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from morphosim import contact_areas, touching
-from morphosim.contacts import NEIGHBOUR_LEVEL, SURFACE_LEVEL, TOUCH_LEVEL
+from morphosim.contacts import NEIGHBOUR_LEVEL, SURFACE_LEVEL, TOUCH_LEVEL, overlapping
 from morphosim.fields import CellField
+from morphosim.surfaces import cell_surface
 
 H = 0.25
 
@@ -167,3 +169,83 @@ def test_a_cell_that_has_vanished_has_no_contact() -> None:
     gone = ball("gone", 5, 3.0)
     faint = CellField("gone", gone.origin, 0.1 * gone.phi)
     assert contact_areas([ball("a", 0, 3.0), faint], H) == {}
+
+
+def area_by_marching_cubes(fields: list[CellField], h: float) -> float:
+    """Contact area of two cells, by the triangles of scikit-image, each in or out as a whole."""
+    sides = []
+    for mine, other in (fields, fields[::-1]):
+        surface = cell_surface(mine, h, SURFACE_LEVEL)
+        corners = surface.vertices[surface.faces]
+        local = corners.mean(axis=1) / h - other.origin
+        inside = map_coordinates(other.phi.astype(float), local.T, order=1) >= NEIGHBOUR_LEVEL
+        edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        sides.append(np.linalg.norm(edges[inside], axis=1).sum() / 2)
+    return float(np.mean(sides))
+
+
+def pair_at(shift: NDArray, distance: float, h: float) -> list[CellField]:
+    """Two balls of 3 µm on a slant, moved by `shift`."""
+    centres = [shift, shift + distance * np.array([2, 1, -2]) / 3]
+    return [
+        field(
+            name, tuple(c - 6), tuple(c + 6),
+            lambda *p, c=c: 3 - np.sqrt(sum((a - b) ** 2 for a, b in zip(p, c, strict=True))), h,
+        )
+        for name, c in zip("ab", centres, strict=True)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("distance", [5.0, 5.8])
+def test_area_is_that_of_marching_cubes(distance: float) -> None:
+    fields = pair_at(np.zeros(3), distance, H)
+    area = contact_areas(fields, H)["a", "b"]
+    assert area == pytest.approx(area_by_marching_cubes(fields, H), rel=0.01)
+
+
+def test_error_of_the_area_falls_with_the_square_of_the_spacing() -> None:
+    expected = cap(3 + SURFACE, 3 + NEIGHBOUR, 5.0)
+    errors = [contact_areas(pair_at(np.zeros(3), 5.0, h), h)["a", "b"] - expected for h in (0.5, 0.25, 0.125)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(errors, orders)
+    assert ((orders > 1.7) & (orders < 2.3)).all()
+
+
+def test_area_hardly_depends_on_where_the_lattice_is() -> None:
+    shifts = np.random.default_rng(3).random((12, 3)) * 0.5
+    areas = [contact_areas(pair_at(shift, 5.0, 0.5), 0.5)["a", "b"] for shift in shifts]
+    print(np.ptp(areas)/np.mean(areas))
+    assert np.ptp(areas) < 0.01 * np.mean(areas)
+
+
+def test_a_cell_cut_by_the_face_of_its_box_is_closed_there() -> None:
+    """As cells are that an image cuts; the other cell touches it from beyond the face."""
+    cut = field("cut", (0, -8, -8), (8, 8, 8), lambda x, y, z: 4 - x + 0 * y + 0 * z)
+    ball_ = ball("ball", -2.5, 3.0)
+    areas = contact_areas([cut, ball_], H)
+    print(areas)
+
+
+# --- overlapping boxes ---------------------------------------------------------------------------
+
+
+def test_overlapping_boxes_are_those_of_a_comparison_of_all() -> None:
+    rng = np.random.default_rng(1)
+    low = rng.integers(-20, 20, (60, 3))
+    high = low + rng.integers(1, 12, (60, 3))
+    meets = (low[:, None] < high) & (low < high[:, None])
+    expected = np.argwhere(np.triu(meets.all(axis=2), k=1))
+    assert 100 < len(expected) < 1000
+    np.testing.assert_array_equal(overlapping(low, high), expected)
+
+
+def test_no_boxes_and_one_box() -> None:
+    none = np.zeros((0, 3), np.int64)
+    assert overlapping(none, none).shape == (0, 2)
+    assert overlapping(np.zeros((1, 3), np.int64), np.ones((1, 3), np.int64)).shape == (0, 2)
+    assert contact_areas([], H) == touching([]) == {}
+
+
+def test_spacing_must_be_positive() -> None:
+    with pytest.raises(ValueError, match="spacing = -1 is not allowed"):
+        contact_areas([], -1)

@@ -168,7 +168,7 @@ class RunWriter:
         number = self._number + 1
         try:
             with ThreadPoolExecutor(1) as other:
-                state = other.submit(simulation.snapshot_now().write, self.files.restart(number))
+                state = other.submit(simulation.snapshot().write, self.files.restart(number))
                 with replacing(self.files.save(number)) as partial:
                     write_save(
                         partial, simulation, _measured(simulation),

@@ -50,7 +50,7 @@ def run(chosen: Scene, folder: Path, until: float | None = None) -> Simulation:
 
 
 def assert_same_state(a: Simulation, b: Simulation) -> None:
-    first, second = a.snapshot_now(), b.snapshot_now()
+    first, second = a.snapshot(), b.snapshot()
     assert first.arrays.keys() == second.arrays.keys()
     for name, values in first.arrays.items():
         np.testing.assert_array_equal(values, second.arrays[name], err_msg=name)
@@ -151,6 +151,25 @@ def test_a_run_that_diverged_does_not_go_on(tmp_path: Path) -> None:
     other.run(until=10)
 
 
+def test_a_scene_file_that_was_changed_does_not_go_on(tmp_path: Path) -> None:
+    run(scene(), tmp_path, until=20)
+    text = (tmp_path / "scene.toml").read_text()
+    (tmp_path / "scene.toml").write_text(text.replace("dt = 2.0", "dt = 1.0"))
+    with pytest.raises(ValueError, match=r"numerics\.dt is 1\.0, the run had 2\.0"):
+        Simulation.from_run(tmp_path)
+
+
+def test_a_run_without_its_state_does_not_go_on(tmp_path: Path) -> None:
+    run(scene(), tmp_path, until=20)
+    state = tmp_path / "restart-000001.npz"
+    state.write_bytes(state.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"restart-000001\.npz cannot be read"):
+        Simulation.from_run(tmp_path)
+    state.unlink()
+    with pytest.raises(FileNotFoundError, match="Start a new run from its fields"):
+        Simulation.from_run(tmp_path)
+
+
 def test_no_run_and_no_scene(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"has no scene\.toml"):
         Simulation.from_run(tmp_path)
@@ -159,7 +178,7 @@ def test_no_run_and_no_scene(tmp_path: Path) -> None:
 def test_a_snapshot_of_another_version_is_refused(tmp_path: Path) -> None:
     simulation = Simulation(scene())
     path = tmp_path / "state.npz"
-    simulation.snapshot_now().write(path)
+    simulation.snapshot().write(path)
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
     arrays["facts"] = np.array(str(arrays["facts"]).replace('"format": 1', '"format": 0'))

@@ -1,0 +1,195 @@
+"""Label images of segmented cells, and the voxels of each cell."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphosim import _validate
+
+MOST_LOOSE = 0.05
+"""A label whose pieces beside the largest make up more than this share is refused."""
+MOST_LISTED = 10
+
+
+class SegmentationWarning(UserWarning):
+    """An image has a fault that is left out, or that a run will show; the message says which."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LabelImage:
+    """Segmented cells: one whole number per voxel, 0 where there is no cell.
+
+    Attributes
+    ----------
+    labels : (nx, ny, nz) integers >= 0
+    spacing : float or (3,) µm, size of a voxel
+    origin : (3,) µm, position of the centre of the voxel [0, 0, 0]
+
+    Raises
+    ------
+    ValueError
+        The labels are not three-dimensional or not whole numbers >= 0; or spacing or origin are
+        not numbers that are allowed.
+    """
+
+    labels: NDArray[np.integer]
+    spacing: ArrayLike
+    origin: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", _whole_numbers(self.labels))
+        object.__setattr__(self, "spacing", _validate.spacing("spacing", self.spacing))
+        object.__setattr__(self, "origin", _validate.vector("origin", self.origin))
+
+    @property
+    def steps(self) -> NDArray[np.float64]:
+        """Size of a voxel along each axis, (3,) µm."""
+        return np.asarray(self.spacing, np.float64)
+
+    @property
+    def voxel(self) -> float:
+        """Volume of a voxel, µm³."""
+        return float(np.prod(self.steps))
+
+
+def _whole_numbers(values: ArrayLike) -> NDArray[np.integer]:
+    """Return labels as integers, or raise ValueError."""
+    labels = np.asarray(values)
+    if labels.ndim != 3 or labels.size == 0:
+        message = f"labels have shape {labels.shape}; expected three axes (x, y, z)"
+        raise ValueError(message)
+    if labels.dtype.kind not in "buif":
+        message = f"labels have type {labels.dtype}; expected whole numbers"
+        raise ValueError(message)
+    if labels.dtype.kind in "bf":
+        whole = labels.astype(np.int64) if np.isfinite(labels).all() else labels
+        if not np.array_equal(whole, labels) or whole is labels:
+            message = "labels hold numbers that are not whole; expected one whole number per voxel"
+            raise ValueError(message)
+        labels = whole
+    if labels.dtype.kind == "i" and labels.min() < 0:
+        message = f"labels hold {labels.min()}; expected 0 (no cell) and labels above 0"
+        raise ValueError(message)
+    return labels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Piece:
+    """The voxels of one label.
+
+    Attributes
+    ----------
+    label : int
+    mask : (nx, ny, nz) bool, cropped to the label
+    first : (3,) int, voxel of the image at which the mask begins
+    at_border : bool
+        Whether the label has voxels at a face of the image.
+    """
+
+    label: int
+    mask: NDArray[np.bool_]
+    first: NDArray[np.int64]
+    at_border: bool
+
+    @property
+    def count(self) -> int:
+        """Number of voxels."""
+        return int(np.count_nonzero(self.mask))
+
+
+def pieces_of(image: LabelImage, least_voxels: int) -> list[Piece]:
+    """The labels of an image in ascending order, each in one piece.
+
+    Raises
+    ------
+    ValueError
+        There are no labels, or some have fewer than `least_voxels` or are in several pieces.
+
+    Warns
+    -----
+    SegmentationWarning
+        Loose voxels are left out.
+    """
+    from scipy.ndimage import find_objects
+
+    values, dense = np.unique(image.labels, return_inverse=True)
+    dense = dense.reshape(image.labels.shape)
+    if values[0] > 0:  # there is no background: label 1 is the first value
+        values, dense = np.concatenate([[0], values]), dense + 1
+    if len(values) == 1:
+        message = "the image has no labels: all voxels are 0; expected a label above 0 per cell"
+        raise ValueError(message)
+    pieces = [
+        _piece(int(value), dense[box] == k, box, dense.shape)
+        for k, (value, box) in enumerate(zip(values[1:], find_objects(dense), strict=True), start=1)
+    ]
+    _check_sizes(pieces, least_voxels)
+    return _in_one_piece(pieces)
+
+
+def _piece(
+    label: int, mask: NDArray[np.bool_], box: tuple[slice, ...], shape: tuple[int, ...]
+) -> Piece:
+    at_border = any(b.start == 0 or b.stop == n for b, n in zip(box, shape, strict=True))
+    first = np.array([b.start for b in box], np.int64)
+    return Piece(label=label, mask=mask, first=first, at_border=at_border)
+
+
+def _check_sizes(pieces: list[Piece], least: int) -> None:
+    small = {piece.label: piece.count for piece in pieces if piece.count < least}
+    if small:
+        message = (
+            f"labels of fewer than {least} voxels: {counted(small)}. Set them to 0 in the image or "
+            "join them to their cells; for cells that are so small lower least_voxels and "
+            "numerics.spacing"
+        )
+        raise ValueError(message)
+
+
+def _in_one_piece(pieces: list[Piece]) -> list[Piece]:
+    """The largest piece of each label (voxels that share a corner are connected)."""
+    largest = [_largest(piece) for piece in pieces]
+    loose = {
+        before.label: before.count - after.count
+        for before, after in zip(pieces, largest, strict=True)
+        if after is not before
+    }
+    torn = {p.label: loose[p.label] for p in pieces if loose.get(p.label, 0) > MOST_LOOSE * p.count}
+    if torn:
+        message = (
+            f"labels in several pieces, with voxels beside the largest: {counted(torn)}. Give each "
+            "cell a label of its own, and set fragments to 0 in the image"
+        )
+        raise ValueError(message)
+    if loose:
+        message = (
+            f"voxels apart from the largest piece of their label are left out: {counted(loose)}"
+        )
+        warnings.warn(message, SegmentationWarning, stacklevel=4)
+    return largest
+
+
+def _largest(piece: Piece) -> Piece:
+    """The largest connected part of a piece: itself, if it is in one piece."""
+    from scipy.ndimage import find_objects, label
+
+    parts, count = label(piece.mask, np.ones((3, 3, 3)))
+    if count == 1:
+        return piece
+    k = int(np.argmax(np.bincount(parts.ravel())[1:]))
+    box = find_objects(parts)[k]
+    return Piece(
+        label=piece.label,
+        mask=parts[box] == k + 1,
+        first=piece.first + [b.start for b in box],
+        at_border=piece.at_border,
+    )
+
+
+def counted(voxels: dict[int, int]) -> str:
+    """Labels with their numbers of voxels, as a text; at most ten of them."""
+    listed = [f"{label} ({count})" for label, count in voxels.items()][:MOST_LISTED]
+    more = len(voxels) - len(listed)
+    return ", ".join(listed) + (f" and {more} more" if more else "")

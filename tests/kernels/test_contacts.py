@@ -1,0 +1,89 @@
+"""Contact areas, against plain geometry and SciPy's interpolation."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from morphosim.kernels.contacts import REACH, Neighbours, contacts
+from morphosim.kernels.moments import Fields
+
+from .example_boxes import both_ways, box, taken
+from .example_fields import (
+    LEVEL,
+    LOW_LEVEL,
+    SHAPES,
+    Piece,
+    make_work,
+    pieces,
+    random_fields,
+    with_extents,
+)
+
+NEIGHBOUR_LEVEL = 0.3
+BOUNDS = np.array([0, 1, 1, 4])
+PAIRS = [(0, 1), (0, 2), (0, 3), (1, 0), (2, 0), (3, 0), (3, 1)]
+NEIGHBOURS = Neighbours(
+    np.searchsorted([i for i, _ in PAIRS], np.arange(5)), np.array([j for _, j in PAIRS])
+)
+
+
+def looked_up(fields: Fields, j: int, points: NDArray) -> NDArray[np.float64]:
+    """φ_j at lattice positions (K, 3); it falls to 0 within a step beyond its box."""
+    padded = np.pad(box(fields.phi, fields, j).astype(float), 1)
+    return np.asarray(map_coordinates(padded, (points - fields.origin[j] + 1).T, order=1))
+
+
+def covered(piece: Piece, fields: Fields, j: int) -> float:
+    """Area of a piece that lies in cell j."""
+    low, high = fields.origin[j] + fields.extent[j].T
+    if not ((piece.corner >= low - REACH) & (piece.corner < high + REACH - 1)).all():
+        return 0.0
+    at = piece.corner + piece.centre
+    ends = np.array([[at, at] for _ in range(3)])
+    for axis in range(3):
+        ends[axis, :, axis] = piece.corner[axis] + np.array([0, 1])
+    slope = np.diff([looked_up(fields, j, pair) for pair in ends])[:, 0]
+    value = looked_up(fields, j, at[None])[0]
+    along = slope - (slope @ piece.normal) * piece.normal
+    rise = np.linalg.norm(along) * np.sqrt(piece.area)
+    if rise < 1e-12:
+        return piece.area * (value >= NEIGHBOUR_LEVEL)
+    return piece.area * np.clip((value - NEIGHBOUR_LEVEL) / rise + 0.5, 0, 1)
+
+
+@both_ways
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_contact_areas(way: str, dtype: type) -> None:
+    fields = with_extents(random_fields(6, dtype), LOW_LEVEL)
+    found = np.full(len(PAIRS), 1e30)
+    work = make_work(fields, threads=3)
+    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found)
+    expected = [sum(covered(p, fields, j) for p in pieces(fields, i, LEVEL)) for i, j in PAIRS]
+    assert min(expected[0], expected[3]) > 10
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    assert (found[[1, 2, 4, 5, 6]] == 0).all(), "contact with a cell far away or faint"
+
+
+@both_ways
+def test_a_cell_without_neighbours_is_skipped(way: str) -> None:
+    fields = with_extents(random_fields(6))
+    nobody = Neighbours(np.zeros(len(SHAPES) + 1, np.int64), np.zeros(0, np.int64))
+    work = make_work(fields, threads=3)
+    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, nobody, work, np.zeros(0))
+    assert np.isnan(work.values).all()
+
+
+@both_ways
+def test_all_of_the_surface_within_a_larger_cell_is_in_contact(way: str) -> None:
+    fields = with_extents(random_fields(7))
+    box(fields.phi, fields, 1)[:] = 1
+    inner = box(fields.phi, fields, 0)
+    inner[:] = 0
+    inner[3, 3, 1] = 1  # its surface lies within the cubes of cell 1's box
+    with_extents(fields)
+    found = np.zeros(len(PAIRS))
+    work = make_work(fields, threads=3)
+    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found)
+    assert found[0] == pytest.approx(sum(p.area for p in pieces(fields, 0, LEVEL)))
+    assert found[3] == 0
