@@ -25,6 +25,7 @@ _EXPORTS = {
     "CellVanishedError": "errors",
     "DivergenceError": "errors",
     "SaveError": "errors",
+    "export": "exports",
     "built_in_scene": "library",
     "scene_names": "library",
     "import_matlab": "matlab",
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
     from morphosim.contacts import contact_areas, touching
     from morphosim.errors import CellVanishedError, DivergenceError, SaveError
+    from morphosim.exports import export
     from morphosim.library import built_in_scene, scene_names
     from morphosim.matlab import import_matlab
     from morphosim.numerics import Numerics
@@ -73,7 +75,7 @@ __all__ = [
     "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
     "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Numerics", "Physics",
     "ProgressBar", "RunWriter", "SaveError", "Scene", "Simulation", "Sphere", "StabilityWarning",
-    "VolumeCourse", "__version__", "built_in_scene", "contact_areas", "import_matlab",
+    "VolumeCourse", "__version__", "built_in_scene", "contact_areas", "export", "import_matlab",
     "load_fields", "load_scene", "open_run", "pack", "save_scene", "scene_names", "touching",
 ]  # fmt: skip
 

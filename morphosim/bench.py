@@ -55,6 +55,7 @@ MEASURED: dict[str, str | float | None] = {
 }
 """What `morphosim bench` gave on the developers' machine; None: not measured, not shown."""
 
+
 @dataclass(frozen=True)
 class Variant:
     """One scene with one preset and number of threads."""

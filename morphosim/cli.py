@@ -75,7 +75,7 @@ def run(
         _resume(resume, overrides)
     if scene is None or output is None:
         message = "run needs a scene and --output, or --resume and the directory of a run"
-        raise ValueError(message)
+        raise typer.BadParameter(message)
     if from_ is None and time is not None:
         message = f"--time {time:g} says from which save of a run to start; give the run by --from"
         raise ValueError(message)
@@ -255,8 +255,34 @@ def pack(
     from morphosim.runs.pack import pack as write
 
     with progress_line() as tell:
-        write(directory, file, tell)
+        write(directory, file, lambda done, of: tell("packing", done, of))
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB")
+
+
+@app.command()
+def export(
+    directory: Annotated[Path, typer.Argument(help="directory or packed file of a run")],
+    to: Annotated[str, typer.Option(help="vtk (ParaView), stl, ome-tiff or csv")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="directory to write; by default RUN-FORMAT"),
+    ] = None,
+    time: Annotated[
+        list[float] | None,
+        typer.Option(help="nearest save; repeatable; by default all, for stl the last"),
+    ] = None,
+) -> None:
+    """Write a run for other programs: surfaces, label images or tables, in um."""
+    from morphosim.exports import export as write
+    from morphosim.progress import progress_line
+    from morphosim.runs.reader import open_run
+
+    place = directory.resolve()
+    target = output or place.with_name(f"{place.stem if place.is_file() else place.name}-{to}")
+    with open_run(directory) as data, progress_line() as tell:
+        files = write(data, target, to, time, lambda done, of: tell(f"export to {to}", done, of))
+    size = sum(file.stat().st_size for file in files)
+    typer.echo(f"{target}: {len(files)} files, {size / 1e6:.1f} MB")
 
 
 @app.command("import-matlab")

@@ -74,12 +74,12 @@ def pack(
 ) -> tuple[NDArray[np.floating], Integers, Integers, Integers]:
     """Pool of these fields, and origin, shape and start of each box; see `measure.measure`."""
     origin, shape = _places(fields)
-    single = all(f.phi.dtype == np.float32 for f in fields)
-    pool = np.zeros(int(shape.prod(axis=1).sum()), np.float32 if single else np.float64)
     ends = np.cumsum(shape.prod(axis=1))
+    single = all(f.phi.dtype == np.float32 for f in fields)
+    pool: NDArray[np.floating] = np.zeros(ends.max(initial=0), np.float32 if single else np.float64)
     for field, end in zip(fields, ends.tolist(), strict=True):
         pool[end - field.phi.size : end] = field.phi.ravel()
-    return pool, origin, shape, ends - shape.prod(axis=1)
+    return pool, origin, shape, np.asarray(ends - shape.prod(axis=1))
 
 
 def prepare(

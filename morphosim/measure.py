@@ -127,7 +127,7 @@ def _ellipsoids(prepared: Prepared, spacing: float) -> tuple[Real, Real, Real, R
 
 def _axes(covariance: Real) -> tuple[Real, Real]:
     """Semi-axes and directions of the solid ellipsoids of these covariances; NaN gives NaN."""
-    known = np.isfinite(covariance).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     values, vectors = np.linalg.eigh(np.where(known[:, None, None], covariance, 0))
     semi_axes = np.sqrt(5 * np.maximum(values[:, ::-1], 0))
     axes = vectors.swapaxes(1, 2)[:, ::-1]

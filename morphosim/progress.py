@@ -17,22 +17,27 @@ Tell = Callable[[str, int, int], None]
 
 @contextmanager
 def progress_line() -> Iterator[Tell]:
-    """Bar that is removed at the end; gives the function to be told."""
-    with Progress(
+    """Bar that appears when it is first told something, and is removed at the end."""
+    bar = Progress(
         TextColumn("{task.description}"), BarColumn(),
         TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeRemainingColumn(),
         console=Console(stderr=True), transient=True,
-    ) as bar:  # fmt: skip
-        tasks: dict[str, TaskID] = {}
+    )  # fmt: skip
+    tasks: dict[str, TaskID] = {}
 
-        def tell(what: str, done: int, of: int) -> None:
-            if what not in tasks:
-                for task in tasks.values():
-                    bar.update(task, visible=False)
-                tasks[what] = bar.add_task(what, total=of)
-            bar.update(tasks[what], completed=done, total=of)
+    def tell(what: str, done: int, of: int) -> None:
+        if what not in tasks:
+            bar.start()
+            for task in tasks.values():
+                bar.update(task, visible=False)
+            tasks[what] = bar.add_task(what, total=of)
+        bar.update(tasks[what], completed=done, total=of)
 
+    try:
         yield tell
+    finally:
+        if tasks:
+            bar.stop()
 
 
 class ProgressBar:

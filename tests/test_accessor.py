@@ -4,17 +4,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open_run
 from morphosim.accessor import MorphoAccessor
 from morphosim.labels import label_image
+from morphosim.runs.pack import pack
 from morphosim.surfaces import cell_surface
 
-from .run_by_hand import NAMES, H, Run, Save, make_run, simulated, with_contact_list
-from .run_by_hand import with_label_images as images_only
+from .run_by_hand import NAMES, H, Run, Save, images_only, make_run, simulated, with_contact_list
 
 
 @pytest.fixture(scope="module")
@@ -259,7 +261,7 @@ def test_fields_of_a_selection_are_refused_and_not_confused(
     run: Run, select: Callable[[xr.Dataset], xr.Dataset]
 ) -> None:
     selected = select(run.data)
-    for call in (lambda m: m.phi("a"), lambda m: m.full(), lambda m: m.labels()):
+    for call in (lambda m: m.phi("a"), MorphoAccessor.full, MorphoAccessor.labels):
         with pytest.raises(ValueError, match="the whole run"):
             call(selected.morpho)
 
@@ -276,8 +278,24 @@ def test_tables_of_a_selection_work(run: Run) -> None:
         with_contact_list(run.data).isel(cell=[0, 1]).morpho.contact_graph(0)
 
 
+def test_a_run_on_disk_has_the_accessor(tmp_path: Path) -> None:
+    ball = Sphere(center=(0, 0, 0), radius=3)
+    cells = [Cell(name="a", shape=ball), Cell(name="b", shape=Sphere(center=(5, 0, 0), radius=3))]
+    simulation = Simulation(Scene(cells=cells, numerics=Numerics(threads=1)))
+    simulation.run(until=4, observers=[RunWriter(tmp_path / "run", 2)])
+    pack(tmp_path / "run", tmp_path / "run.nc")
+    for place in (tmp_path / "run", tmp_path / "run.nc"):
+        with open_run(place) as data:
+            for field in simulation.fields:
+                np.testing.assert_allclose(data.morpho.phi(field.name), field.phi, atol=7e-5)
+            assert data.morpho.full().sel(cell="b").sum() > 500
+            assert data.morpho.neighbours("a", time=2) == ["b"]
+            assert set(data.morpho.lineage()) == {"a", "b"}
+            assert data.morpho.trajectory("b")["path_length"][-1] > 0
+
+
 def test_import_brings_no_heavy_packages() -> None:
-    heavy = "{'skimage', 'scipy', 'networkx', 'pyvista', 'tifffile'}"
-    code = f"import sys, morphosim.exports, morphosim.lazyfields; print({heavy} & set(sys.modules))"
+    heavy = "{'skimage', 'scipy', 'numba', 'networkx', 'pyvista', 'tifffile'}"
+    code = f"import sys, morphosim.exports, morphosim.accessor; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "set()"

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -125,7 +126,6 @@ def test_a_run_is_packed_into_one_file(run_directory: Path, tmp_path: Path) -> N
         (["run", "single-cell", "-o", "run", "--set", "gamma"], "key=value"),
         (["run", "single-cell", "-o", "run", "--dt", "-1"], "numerics.dt = -1.0"),
         (["info", "nowhere"], "holds no run"),
-        (["run", "single-cell"], "needs a scene and --output"),
         (["run", "single-cell", "-o", "run", "--time", "3"], "--from"),
         (["run", "--resume", "run", "--dt", "1"], "numerics.dt cannot change"),
         (["run", "single-cell", "--resume", "run"], "--until and --threads alone"),

@@ -16,8 +16,7 @@ from morphosim.exports import export
 from morphosim.exports.stl import TRIANGLE, file_names
 from morphosim.surfaces import cell_surface
 
-from .run_by_hand import NAMES, H, Run, Save, make_run, simulated, with_contact_list
-from .run_by_hand import with_label_images as images_only
+from .run_by_hand import NAMES, H, Run, Save, images_only, make_run, simulated, with_contact_list
 
 
 @pytest.fixture(scope="module")
@@ -193,14 +192,18 @@ def pixels_of(xml: str) -> dict[str, str]:
     return pixels.attrib | {"channel": channel.attrib["Name"], "planes": planes}
 
 
-def test_ome_tiff_of_uneven_times_has_every_time(run: Run, tmp_path: Path) -> None:
-    image, _ = export(run.data, tmp_path, "ome-tiff")
+@pytest.mark.parametrize(
+    ("times", "increment"), [([0, 10, 20, 26], None), ([10, 20], "10.0"), ([20], None)]
+)
+def test_ome_tiff_has_every_time_that_is_not_a_multiple(
+    run: Run, tmp_path: Path, times: list[float], increment: str | None
+) -> None:
+    image, _ = export(run.data, tmp_path, "ome-tiff", times)
     with tifffile.TiffFile(image) as file:
         pixels = pixels_of(file.ome_metadata)
-    assert "TimeIncrement" not in pixels
+    assert pixels.get("TimeIncrement") == increment
     assert pixels["channel"] == "cells"
-    depth = int(pixels["SizeZ"])
-    expected = np.repeat([save.time for save in run.saves], depth)
+    expected = np.repeat(times, int(pixels["SizeZ"]))
     np.testing.assert_allclose([float(t) for t in pixels["planes"].split()], expected)
 
 

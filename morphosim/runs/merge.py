@@ -160,7 +160,9 @@ def _listed_contacts(
         "contact_time": k, "contact_cell": i, "contact_neighbour": j,
         "contact_pair_area": areas[k, i, j],
     }  # fmt: skip
-    both = {name: np.concatenate([more[name], rows[name]]).astype(rows[name].dtype) for name in rows}
+    both = {
+        name: np.concatenate([more[name], rows[name]]).astype(rows[name].dtype) for name in rows
+    }
     order = np.argsort(both["contact_time"], kind="stable")
     return {name: value[order] for name, value in both.items()}
 

@@ -1,10 +1,10 @@
 """A run in one file."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphosim._files import replacing
-from morphosim.progress import Tell
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
 from morphosim.runs.savefile import create, pack_phi, write_texts
@@ -13,6 +13,8 @@ from morphosim.runs.variables import ALL
 if TYPE_CHECKING:
     import xarray as xr
 
+Tell = Callable[[int, int], None]
+"""Told how many values are done, and of how many."""
 BLOCK = 1 << 23
 """Values of a lazy variable that are in memory at once."""
 
@@ -42,9 +44,7 @@ def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> N
         _write(run, partial, RunDirectory(Path(directory)), tell)
 
 
-def _write(
-    run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
-) -> None:
+def _write(run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None) -> None:
     import netCDF4
 
     with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
@@ -65,4 +65,4 @@ def _write(
                 created[first : first + BLOCK] = pack_phi(values) if packed else values
                 done += values.size
                 if tell is not None:
-                    tell("packing", done, total)
+                    tell(done, total)

@@ -59,7 +59,7 @@ PER_TIME = {
         "or since the save before"
     ),
     "semi_axes": Variable(
-        (*PER_CELL, "principal"), "f8", "um", "semi-axes of the ellipsoid of the same second moments"
+        (*PER_CELL, "principal"), "f8", "um", "semi-axes of the ellipsoid of equal second moments"
     ),
     "principal_axes": Variable(
         (*PER_CELL, "principal", "axis"), "f8", "1", "unit vectors along the semi-axes"

@@ -1,4 +1,4 @@
-"""Small random fields, and their surfaces by plain geometry, for the tests of what measures them."""
+"""Small random fields and their surfaces by plain geometry, for the tests of measuring."""
 
 from collections.abc import Iterator
 from itertools import permutations, product

@@ -25,8 +25,7 @@ def test_moments(way: str, dtype: type) -> None:
     for i, shape in enumerate(SHAPES):
         x, y, z = np.indices(shape)
         expected = [
-            (box(fields.phi, fields, i) * x**a * y**b * z**c).sum(dtype=float)
-            for a, b, c in POWERS
+            (box(fields.phi, fields, i) * x**a * y**b * z**c).sum(dtype=float) for a, b, c in POWERS
         ]
         np.testing.assert_allclose(found[i], expected, rtol=1e-12)
 

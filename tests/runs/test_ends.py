@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from morphosim import (
     Cell,
@@ -20,7 +19,6 @@ from morphosim import (
     load_fields,
     open_run,
 )
-
 from morphosim.runs import writer
 
 from ..helpers import EXPECTED_TO_FAIL

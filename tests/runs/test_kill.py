@@ -45,7 +45,8 @@ main()
 
 def scene() -> Scene:
     cells = [
-        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=3)) for name, x in zip("ab", (0, 5.5))
+        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=3))
+        for name, x in zip("ab", (0, 5.5), strict=True)
     ]
     return Scene(
         cells=cells, duration=12.0, save_every=4.0, numerics=Numerics(threads=1),

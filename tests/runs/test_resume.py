@@ -145,7 +145,7 @@ def test_a_simulation_of_another_time_does_not_go_on(tmp_path: Path) -> None:
 def test_a_run_that_diverged_does_not_go_on(tmp_path: Path) -> None:
     with pytest.raises(DivergenceError):
         run(scene(physics={"M": 1e6}), tmp_path, until=300)
-    with pytest.raises(ValueError, match="ended by an error and cannot go on: cell .* diverged"):
+    with pytest.raises(ValueError, match=r"ended by an error and cannot go on: cell .* diverged"):
         Simulation.from_run(tmp_path)
     other = Simulation.from_run(tmp_path, scene=scene(), time=0)
     other.run(until=10)

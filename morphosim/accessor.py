@@ -1,0 +1,277 @@
+"""`ds.morpho`: fields, surfaces, contacts, lineage and trajectories of a run.
+
+Importing this module makes every xarray Dataset have it; it is meant for those of `open_run`.
+"""
+
+import difflib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.core.indexing import LazilyIndexedArray
+
+from morphosim import _validate
+from morphosim.fields import CellField
+from morphosim.labels import label_image
+from morphosim.lazyfields import (
+    FullFields,
+    SavedBoxes,
+    axes,
+    block,
+    contacts,
+    read_labels,
+    saved_boxes,
+    spacing,
+    stored_image,
+    variable,
+)
+from morphosim.runs.fields import load_fields, time_index
+from morphosim.surfaces import SURFACE, Surface, cell_surface
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+MOST_NEAR_NAMES = 8
+PHI = {"units": "1", "long_name": "phase field"}
+
+
+@xr.register_dataset_accessor("morpho")
+class MorphoAccessor:
+    """What can be computed from a run.
+
+    Wherever there is a `time`, the save nearest to it is taken, and the last for None. A cell that
+    is not in the run, or not there at that time, is a ValueError that says what is.
+
+    Examples
+    --------
+    >>> from morphosim import open_run
+    >>> run = open_run("runs/pair")  # doctest: +SKIP
+    >>> run.morpho.neighbours("left", time=50)  # doctest: +SKIP
+    ['right']
+    """
+
+    def __init__(self, run: xr.Dataset) -> None:
+        self._run = run
+
+    def phi(self, cell: str, time: float | None = None) -> xr.DataArray:
+        """Phase field of a cell in its box: (x, y, z) with coordinates in µm."""
+        save = self.save_number(time)
+        boxes, box = self._box(cell, save)
+        coordinates: dict[str, Any] = dict(axes(boxes.origin[box], boxes.shape[box], self._spacing))
+        coordinates |= {"cell": cell, "time": self._time(save)}
+        return xr.DataArray(boxes.read(box), coordinates, list("xyz"), "phi", PHI)
+
+    def full(self, time: float | None = None) -> xr.DataArray:
+        """Phase fields of all cells on one lattice: (cell, x, y, z), 0 outside of boxes.
+
+        The array is lazy: select before using values, as in `full().sel(cell="E").sel(z=15,
+        method="nearest")`, and only boxes of what is selected are read. A cell that is not there
+        at that time is 0 everywhere.
+        """
+        save = self.save_number(time)
+        boxes = saved_boxes(self._run, save)
+        names = variable(self._run, "cell", "cell").values
+        coordinates: dict[str, Any] = dict(axes(boxes.low, boxes.extent, self._spacing))
+        coordinates |= {"cell": names, "time": self._time(save)}
+        lazy = LazilyIndexedArray(FullFields(boxes, len(names)))
+        return xr.DataArray(lazy, coordinates, ["cell", *"xyz"], "phi", PHI)
+
+    def labels(self, time: float | None = None) -> xr.DataArray:
+        """Label image: (x, y, z) int32, 0 outside, k + 1 in the k-th cell of `ds.cell`.
+
+        A point belongs to the cell of largest φ, if that exceeds 1/2. The image is the one that
+        the run holds, or else is made from the fields.
+        """
+        save = self.save_number(time)
+        image = stored_image(self._run, save)
+        labels = self._made_labels(save) if image is None else read_labels(self._run, image)
+        low, _ = block(self._run, save)
+        coordinates: dict[str, Any] = dict(axes(low, labels.shape, self._spacing))
+        coordinates["time"] = self._time(save)
+        attrs = {"units": "1", "long_name": "1 + index into cell; 0 where there is no cell"}
+        return xr.DataArray(labels, coordinates, list("xyz"), "labels", attrs)
+
+    def surface(self, cell: str, time: float | None = None, level: float = SURFACE) -> Surface:
+        """Surface φ = `level` of a cell as a triangle mesh, µm."""
+        boxes, box = self._box(cell, self.save_number(time))
+        field = CellField(cell, boxes.origin[box], boxes.read(box))
+        return cell_surface(field, self._spacing, level)
+
+    def contact_graph(self, time: float | None = None, least_area: float = 0.0) -> "nx.Graph":
+        """Which cells touch.
+
+        Parameters
+        ----------
+        time : float, optional
+        least_area : float
+            Contacts of a smaller area, in µm², are left out.
+
+        Returns
+        -------
+        networkx.Graph
+            Nodes are the cells that are there, with `type`, `volume` (µm³) and `centroid`
+            (3,) (µm); edges have `area` (µm²). The graph has `time`.
+        """
+        import networkx as nx
+
+        least_area = _validate.number("least_area", least_area, least=0)
+        save = self.save_number(time)
+        graph = nx.Graph(time=self._time(save))
+        columns = [
+            variable(self._run, name, "time", "cell", *rest)[save].values
+            for name, rest in (("type", ()), ("volume", ()), ("centroid", ("axis",)))
+        ]
+        for name, kind, volume, centroid in zip(self._names, *columns, strict=True):
+            if np.isfinite(volume):
+                graph.add_node(name, type=str(kind), volume=float(volume), centroid=centroid)
+        for a, b, area in contacts(self._run, save):
+            if area >= least_area and a in graph and b in graph:
+                graph.add_edge(a, b, area=area)
+        return graph
+
+    def neighbours(self, cell: str, time: float | None = None) -> list[str]:
+        """Names of the cells that touch a cell, the largest contact first."""
+        save = self.save_number(time)
+        self._check_there(cell, save)
+        pairs = contacts(self._run, save)
+        areas = {b if a == cell else a: area for a, b, area in pairs if cell in (a, b)}
+        return sorted(areas, key=lambda name: -areas[name])
+
+    def lineage(self) -> "nx.DiGraph":
+        """Mothers and daughters.
+
+        Returns
+        -------
+        networkx.DiGraph
+            Edges go from mother to daughter. Nodes have `first` and `last`, the times of the first
+            and last save they are in, and `type` at the last. A mother that is in no save has
+            NaN and "".
+        """
+        import networkx as nx
+
+        living, times = self._living, self._run["time"].values
+        kinds = variable(self._run, "type", "time", "cell").values
+        graph = nx.DiGraph()
+        for k, name in enumerate(self._names):
+            saves = np.flatnonzero(living[:, k])
+            ends = (times[saves[0]], times[saves[-1]]) if saves.size else (np.nan, np.nan)
+            kind = str(kinds[saves[-1], k]) if saves.size else ""
+            graph.add_node(name, first=float(ends[0]), last=float(ends[1]), type=kind)
+        for name, mother in zip(
+            self._names, variable(self._run, "parent", "cell").values, strict=True
+        ):
+            if mother and mother not in graph:
+                graph.add_node(str(mother), first=np.nan, last=np.nan, type="")
+            if mother:
+                graph.add_edge(str(mother), name)
+        return graph
+
+    def trajectory(self, cell: str | None = None) -> xr.Dataset:
+        """Motion of the centroids, NaN where a cell is not there.
+
+        Parameters
+        ----------
+        cell : str, optional
+            One cell; by default all, along `cell`.
+
+        Returns
+        -------
+        Dataset
+            `position` (time, [cell,] axis) in µm; along (time, [cell]) `displacement`, the distance
+            from where the cell was in its first save, and `path_length` since then, both in µm, and
+            `mean_speed` since the save before, in µm per *in silico* time.
+        """
+        position = variable(self._run, "centroid", "time", "cell", "axis")
+        if cell is not None:
+            position = position.sel(cell=self._names[self._place(cell)])
+        moves = _motion(position.values, self._run["time"].values)
+        table = {
+            name: (position.dims[:-1], values, {"units": "um", "long_name": text})
+            for (name, text), values in zip(_MOTION.items(), moves, strict=True)
+        }
+        return xr.Dataset({"position": position.variable, **table}, position.coords)
+
+    def save_number(self, time: float | None = None) -> int:
+        """Number of the save nearest to `time`, from 0; the last for None."""
+        if time is not None:
+            _validate.number("time", time)
+        if not self._run.sizes.get("time"):
+            message = (
+                "the Dataset has no saves along 'time'; take ds.morpho of the whole run, and give "
+                "the time to its functions"
+            )
+            raise ValueError(message)
+        return time_index(self._run, time)
+
+    @property
+    def _spacing(self) -> float:
+        return spacing(self._run)
+
+    @property
+    def _names(self) -> list[str]:
+        return [str(name) for name in variable(self._run, "cell", "cell").values]
+
+    @property
+    def _living(self) -> NDArray[np.bool_]:
+        """Which cells are there at which save: (time, cell)."""
+        return np.asarray(np.isfinite(variable(self._run, "volume", "time", "cell").values))
+
+    def _time(self, save: int) -> float:
+        return float(self._run["time"].values[save])
+
+    def _place(self, cell: str) -> int:
+        """Place of a cell in `ds.cell`."""
+        names = self._names
+        if cell in names:
+            return names.index(cell)
+        near = difflib.get_close_matches(str(cell), names, MOST_NEAR_NAMES, cutoff=0.4)
+        shown = ", ".join(map(repr, near or names[:MOST_NEAR_NAMES]))
+        message = (
+            f"cell = {cell!r} is not in the run; {'near names are' if near else 'it has'} {shown}"
+            f" ({len(names)} cells in all: ds.cell)"
+        )
+        raise ValueError(message)
+
+    def _check_there(self, cell: str, save: int) -> int:
+        """Place of a cell that is there at a save; ValueError that says when it is, if not."""
+        place = self._place(cell)
+        saves = np.flatnonzero(self._living[:, place])
+        if save in saves:
+            return place
+        lives = (
+            f"it lives from t = {self._time(saves[0]):g} to t = {self._time(saves[-1]):g}"
+            if saves.size
+            else "it is in no save"
+        )
+        message = f"cell = {cell!r} is not there at t = {self._time(save):g}: {lives}"
+        raise ValueError(message)
+
+    def _made_labels(self, save: int) -> NDArray[np.int32]:
+        """Label image of a save from its fields."""
+        boxes = saved_boxes(self._run, save)
+        _, labels = label_image(load_fields(self._run, save))
+        return np.asarray(np.append(0, boxes.cell + 1).astype(np.int32)[labels])
+
+    def _box(self, cell: str, save: int) -> tuple[SavedBoxes, int]:
+        """Boxes of a save, and which of them is a cell's."""
+        boxes = saved_boxes(self._run, save)
+        return boxes, int(np.flatnonzero(boxes.cell == self._check_there(cell, save))[0])
+
+
+_MOTION = {
+    "displacement": "distance from the position in the first save",
+    "path_length": "length of the path since the first save",
+    "mean_speed": "mean speed since the save before, per in silico time",
+}
+
+
+def _motion(position: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[NDArray, ...]:
+    """Displacement, path length and speed from positions (T, …, 3); NaN before and after a cell."""
+    there = np.isfinite(position).all(axis=-1)
+    first = np.take_along_axis(position, there.argmax(axis=0)[None, ..., None], axis=0)
+    steps = np.full(there.shape, np.nan)
+    steps[1:] = np.linalg.norm(np.diff(position, axis=0), axis=-1)
+    path = np.where(there, np.cumsum(np.nan_to_num(steps), axis=0), np.nan)
+    lapse = np.diff(times, prepend=np.nan).reshape(-1, *[1] * (there.ndim - 1))
+    return np.linalg.norm(position - first, axis=-1), path, steps / lapse

@@ -1,0 +1,87 @@
+"""Tables of a run as CSV: `cells.csv`, `contacts.csv` and `times.csv`."""
+
+from collections.abc import Hashable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from morphosim.accessor import MorphoAccessor
+from morphosim.exports import Tell
+from morphosim.lazyfields import contacts, variable
+
+TABLES = ("cells", "contacts", "times")
+
+
+def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) -> list[Path]:
+    """Write the tables save by save.
+
+    A row of `cells` is a cell that is there at a time, with all that the run has per time and cell
+    and its mother; of `contacts` a pair of cells that touch; of `times` a save.
+    """
+    contacts(run, saves[0])  # says what the run lacks before there is any file
+    paths = [directory / f"{name}.csv" for name in TABLES]
+    for done, save in enumerate(saves, 1):
+        tables = (_cells(run, save), _contacts(run, save), _times(run, save))
+        for path, columns in zip(paths, tables, strict=True):
+            _append(path, columns)
+        tell(done, len(saves))
+    return paths
+
+
+def _append(path: Path, columns: dict[str, Any]) -> None:
+    """Add rows to a table, which gets its header with the first."""
+    import pandas as pd
+
+    pd.DataFrame(columns).to_csv(path, mode="a", header=not path.exists(), index=False)
+
+
+def _cells(run: xr.Dataset, save: int) -> dict[str, Any]:
+    """Columns of the cells that are there at a save."""
+    living = np.isfinite(variable(run, "volume", "time", "cell")[save].values)
+    columns = {
+        "time": np.full(living.sum(), run["time"].values[save]),
+        "cell": run["cell"].values[living],
+        "parent": variable(run, "parent", "cell").values[living],
+    }
+    for name, data in run.data_vars.items():
+        if data.dims[:2] == ("time", "cell") and "neighbour" not in data.dims:
+            columns |= _flat(name, data[save].isel(cell=living))
+    return columns
+
+
+def _flat(name: Hashable, data: xr.DataArray) -> dict[str, Any]:
+    """One column per place along the dimensions after the first: `centroid_x`, …."""
+    marks = [
+        data[d].values if d in data.coords else np.arange(data.sizes[d]) for d in data.dims[1:]
+    ]
+    values = data.values
+    return {
+        "_".join([str(name), *(str(m[k]) for m, k in zip(marks, place, strict=True))]): values[
+            (slice(None), *place)
+        ]
+        for place in np.ndindex(values.shape[1:])
+    }
+
+
+def _contacts(run: xr.Dataset, save: int) -> dict[str, Any]:
+    """Columns of the pairs of cells that touch at a save, each pair once."""
+    time = float(run["time"].values[save])
+    pairs = list(MorphoAccessor(run).contact_graph(time).edges(data="area"))
+    first, second, areas = zip(*pairs, strict=True) if pairs else ((), (), ())
+    return {
+        "time": np.full(len(pairs), time),
+        "cell": list(first),
+        "neighbour": list(second),
+        "area": list(areas),
+    }
+
+
+def _times(run: xr.Dataset, save: int) -> dict[str, Any]:
+    """Columns of one save: all that the run has per time."""
+    of_time = {str(k): v for k, v in run.data_vars.items() if v.dims == ("time",)}
+    return {
+        "time": [run["time"].values[save]],
+        **{name: [data.values[save]] for name, data in of_time.items()},
+    }
