@@ -11,8 +11,9 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
 from morphosim import Scene, Simulation, contact_areas
-from morphosim.contacts import surface_faces
+from morphosim.contacts import SURFACE_LEVEL
 from morphosim.fields import CellField, centroid
+from morphosim.surfaces import cell_surface
 
 SPLINE = 3
 MARGIN = 1.0
@@ -48,7 +49,7 @@ def state(time: float, spacing: float, fields: Sequence[CellField]) -> State:
         fields=kept,
         centroids=np.array([centroid(f, spacing) for f in kept]),
         volumes=np.array([f.phi.sum(dtype=np.float64) * spacing**3 for f in kept]),
-        surfaces=np.array([surface_faces(f, spacing)[1].sum() for f in kept]),
+        surfaces=np.array([cell_surface(f, spacing, SURFACE_LEVEL).area for f in kept]),
         contacts=contact_areas(kept, spacing),
     )
 

@@ -8,8 +8,9 @@ from numba import prange
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.boxes import include, row_peak, row_span
 
-N_MOMENTS = 10
-"""Σ φ, Σ φ (x, y, z), Σ φ (xx, yy, zz), Σ φ (xy, xz, yz), of positions in a box."""
+N_MOMENTS = 14
+"""Of positions in a box: Σ φ, Σ φ (x, y, z); and over the points where φ exceeds 1/2: Σ 1,
+Σ (x, y, z), Σ (xx, yy, zz), Σ (xy, xz, yz)."""
 
 
 class Fields(NamedTuple):
@@ -30,15 +31,18 @@ class Fields(NamedTuple):
 
 @inline_kernel()
 def row_moments(values, first, nz):
-    """Σ φ, Σ φ z and Σ φ zz of one row."""
-    total = along = square = 0.0
+    """Σ φ and Σ φ z of one row, and over its points where φ exceeds 1/2 Σ 1, Σ z and Σ zz."""
+    total = along = inside = inside_along = inside_square = 0.0
     for z in range(np.uint64(nz)):
         # Integers of 64 bits become floats one by one on most processors.
         value, place = np.float64(values[first + z]), np.float64(np.int32(z))
+        one = 1.0 if value > 0.5 else 0.0
         total += value
         along += value * place
-        square += value * place * place
-    return total, along, square
+        inside += one
+        inside_along += one * place
+        inside_square += one * place * place
+    return total, along, inside, inside_along, inside_square
 
 
 @kernel()
@@ -49,17 +53,21 @@ def box_moments(i, fields, out):
     for x in range(nx):
         for y in range(ny):
             row = np.uint64(fields.start[i] + (x * ny + y) * nz)
-            total, along, square = row_moments(fields.phi, row, nz)
+            total, along, inside, inside_along, inside_square = row_moments(fields.phi, row, nz)
             out[0] += total
             out[1] += total * x
             out[2] += total * y
             out[3] += along
-            out[4] += total * x * x
-            out[5] += total * y * y
-            out[6] += square
-            out[7] += total * x * y
-            out[8] += along * x
-            out[9] += along * y
+            out[4] += inside
+            out[5] += inside * x
+            out[6] += inside * y
+            out[7] += inside_along
+            out[8] += inside * x * x
+            out[9] += inside * y * y
+            out[10] += inside_square
+            out[11] += inside * x * y
+            out[12] += inside_along * x
+            out[13] += inside_along * y
 
 
 @parallel_kernel()

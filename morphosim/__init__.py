@@ -29,6 +29,8 @@ _EXPORTS = {
     "built_in_scene": "library",
     "scene_names": "library",
     "import_matlab": "matlab",
+    "Measurement": "measure",
+    "measure_fields": "measure",
     "Numerics": "numerics",
     "Physics": "physics",
     "ProgressBar": "progress",
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from morphosim.exports import export
     from morphosim.library import built_in_scene, scene_names
     from morphosim.matlab import import_matlab
+    from morphosim.measure import Measurement, measure_fields
     from morphosim.numerics import Numerics
     from morphosim.physics import Physics
     from morphosim.progress import ProgressBar
@@ -73,10 +76,11 @@ if TYPE_CHECKING:
 __version__ = version("morphosim")
 __all__ = [
     "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
-    "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Numerics", "Physics",
-    "ProgressBar", "RunWriter", "SaveError", "Scene", "Simulation", "Sphere", "StabilityWarning",
-    "VolumeCourse", "__version__", "built_in_scene", "contact_areas", "export", "import_matlab",
-    "load_fields", "load_scene", "open_run", "pack", "save_scene", "scene_names", "touching",
+    "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Measurement", "Numerics",
+    "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "Simulation", "Sphere",
+    "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene", "contact_areas", "export",
+    "import_matlab", "load_fields", "load_scene", "measure_fields", "open_run", "pack",
+    "save_scene", "scene_names", "touching",
 ]  # fmt: skip
 
 

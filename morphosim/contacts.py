@@ -82,13 +82,17 @@ def pack(
     return pool, origin, shape, np.asarray(ends - shape.prod(axis=1))
 
 
+def shared_out(shape: Integers) -> Integers:
+    """Ranges of cells of about as many points, one per thread: (threads + 1,)."""
+    load, threads = np.cumsum([0, *shape.prod(axis=1)]), get_num_threads()
+    return np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads).astype(np.int64)
+
+
 def prepare(
     phi: NDArray[np.floating], origin: Integers, shape: Integers, start: Integers
 ) -> Prepared:
     """Share the cells out between threads, and find what part of its box each fills."""
-    threads = get_num_threads()
-    load = np.cumsum([0, *shape.prod(axis=1)])
-    bounds = np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads).astype(np.int64)
+    threads, bounds = get_num_threads(), shared_out(shape)
     fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
     find_extents(bounds, fields, NEIGHBOUR_LEVEL)  # the lowest level of all
     points = np.maximum(fields.extent[:, :, 1] - fields.extent[:, :, 0] + 2, 1)

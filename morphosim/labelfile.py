@@ -87,8 +87,8 @@ def read_labels(
     >>> read_labels("embryo.tif", spacing=(0.2, 0.2, 0.6))  # doctest: +SKIP
     """
     path = Path(path)
-    check_file(path, READERS)
     wanted = _Wanted(axes=_checked_axes(axes), key=key, time_index=time_index)
+    check_file(path, READERS)
     found = READERS[path.suffix.lower()](path, wanted)
     order = [found.letters.index(letter) for letter in "xyz"]
     return LabelImage(

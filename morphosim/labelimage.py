@@ -63,12 +63,11 @@ def _whole_numbers(values: ArrayLike) -> NDArray[np.integer]:
     if labels.dtype.kind not in "buif":
         message = f"labels have type {labels.dtype}; expected whole numbers"
         raise ValueError(message)
+    if labels.dtype.kind == "f" and not (np.isfinite(labels) & (labels == np.rint(labels))).all():
+        message = "labels hold numbers that are not whole; expected one whole number per voxel"
+        raise ValueError(message)
     if labels.dtype.kind in "bf":
-        whole = labels.astype(np.int64) if np.isfinite(labels).all() else labels
-        if not np.array_equal(whole, labels) or whole is labels:
-            message = "labels hold numbers that are not whole; expected one whole number per voxel"
-            raise ValueError(message)
-        labels = whole
+        labels = labels.astype(np.int64)
     if labels.dtype.kind == "i" and labels.min() < 0:
         message = f"labels hold {labels.min()}; expected 0 (no cell) and labels above 0"
         raise ValueError(message)
@@ -116,24 +115,24 @@ def pieces_of(image: LabelImage, least_voxels: int) -> list[Piece]:
 
     values, dense = np.unique(image.labels, return_inverse=True)
     dense = dense.reshape(image.labels.shape)
-    if values[0] > 0:  # there is no background: label 1 is the first value
+    if values[0] > 0:  # there is no background
         values, dense = np.concatenate([[0], values]), dense + 1
     if len(values) == 1:
         message = "the image has no labels: all voxels are 0; expected a label above 0 per cell"
         raise ValueError(message)
+    boxes = zip(values[1:], find_objects(dense), strict=True)
     pieces = [
-        _piece(int(value), dense[box] == k, box, dense.shape)
-        for k, (value, box) in enumerate(zip(values[1:], find_objects(dense), strict=True), start=1)
+        _piece(int(value), dense[box] == k, [b.start for b in box], dense.shape)
+        for k, (value, box) in enumerate(boxes, start=1)
     ]
     _check_sizes(pieces, least_voxels)
-    return _in_one_piece(pieces)
+    return _in_one_piece(pieces, dense.shape)
 
 
-def _piece(
-    label: int, mask: NDArray[np.bool_], box: tuple[slice, ...], shape: tuple[int, ...]
-) -> Piece:
-    at_border = any(b.start == 0 or b.stop == n for b, n in zip(box, shape, strict=True))
-    first = np.array([b.start for b in box], np.int64)
+def _piece(label: int, mask: NDArray[np.bool_], first: ArrayLike, shape: tuple[int, ...]) -> Piece:
+    """Piece with its mask at the voxel `first` of an image of this shape."""
+    first = np.asarray(first, np.int64)
+    at_border = bool((first == 0).any() or (first + mask.shape == shape).any())
     return Piece(label=label, mask=mask, first=first, at_border=at_border)
 
 
@@ -141,16 +140,16 @@ def _check_sizes(pieces: list[Piece], least: int) -> None:
     small = {piece.label: piece.count for piece in pieces if piece.count < least}
     if small:
         message = (
-            f"labels of fewer than {least} voxels: {counted(small)}. Set them to 0 in the image or "
-            "join them to their cells; for cells that are so small lower least_voxels and "
+            f"labels of fewer than {least} voxels: {_counted(small)}. Set them to 0 in the image "
+            "or join them to their cells; if cells are so small, lower least_voxels and "
             "numerics.spacing"
         )
         raise ValueError(message)
 
 
-def _in_one_piece(pieces: list[Piece]) -> list[Piece]:
+def _in_one_piece(pieces: list[Piece], shape: tuple[int, ...]) -> list[Piece]:
     """The largest piece of each label (voxels that share a corner are connected)."""
-    largest = [_largest(piece) for piece in pieces]
+    largest = [_largest(piece, shape) for piece in pieces]
     loose = {
         before.label: before.count - after.count
         for before, after in zip(pieces, largest, strict=True)
@@ -159,19 +158,19 @@ def _in_one_piece(pieces: list[Piece]) -> list[Piece]:
     torn = {p.label: loose[p.label] for p in pieces if loose.get(p.label, 0) > MOST_LOOSE * p.count}
     if torn:
         message = (
-            f"labels in several pieces, with voxels beside the largest: {counted(torn)}. Give each "
-            "cell a label of its own, and set fragments to 0 in the image"
+            f"labels in several pieces, with voxels beside the largest: {_counted(torn)}. Give "
+            "each cell a label of its own, and set fragments to 0 in the image"
         )
         raise ValueError(message)
     if loose:
         message = (
-            f"voxels apart from the largest piece of their label are left out: {counted(loose)}"
+            f"voxels apart from the largest piece of their label are left out: {_counted(loose)}"
         )
         warnings.warn(message, SegmentationWarning, stacklevel=4)
     return largest
 
 
-def _largest(piece: Piece) -> Piece:
+def _largest(piece: Piece, shape: tuple[int, ...]) -> Piece:
     """The largest connected part of a piece: itself, if it is in one piece."""
     from scipy.ndimage import find_objects, label
 
@@ -180,15 +179,11 @@ def _largest(piece: Piece) -> Piece:
         return piece
     k = int(np.argmax(np.bincount(parts.ravel())[1:]))
     box = find_objects(parts)[k]
-    return Piece(
-        label=piece.label,
-        mask=parts[box] == k + 1,
-        first=piece.first + [b.start for b in box],
-        at_border=piece.at_border,
-    )
+    first = piece.first + [b.start for b in box]
+    return _piece(piece.label, parts[box] == k + 1, first, shape)
 
 
-def counted(voxels: dict[int, int]) -> str:
+def _counted(voxels: dict[int, int]) -> str:
     """Labels with their numbers of voxels, as a text; at most ten of them."""
     listed = [f"{label} ({count})" for label, count in voxels.items()][:MOST_LISTED]
     more = len(voxels) - len(listed)

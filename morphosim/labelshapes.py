@@ -18,12 +18,15 @@ def resampled(
     deepest inside that make up `volume` (µm³) are the mask. Cubes that are equally deep are in or
     out together, so a mask with flat faces may miss the volume by a little.
     """
+    from scipy.ndimage import uniform_filter
+
     steps = image.steps
     around = 1 + np.ceil(2 * step / steps).astype(int)
     padded = np.pad(piece.mask, [(n, n) for n in around])
     origin = np.asarray(image.origin) + (piece.first - around) * steps
     first = origin + 0.5 * (step - steps)  # so that cubes fill a voxel where they fit into it
     depth = _sampled(_signed_distance(padded, steps), origin, steps, first, step)
+    depth = uniform_filter(depth, 3, mode="nearest")  # else many cubes are equally deep
     wanted = min(max(round(volume / step**3), 1), depth.size)
     level = np.partition(depth, -wanted, axis=None)[-wanted]
     more, fewer = depth >= level, depth > level

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.contacts import Prepared, pack, pair_areas, prepare
+from morphosim.contacts import Prepared, pack, pair_areas, prepare, shared_out
 from morphosim.fields import CellField
-from morphosim.kernels.moments import N_MOMENTS, moments
+from morphosim.kernels.moments import N_MOMENTS, Fields, moments
 from morphosim.kernels.surfaces import surfaces
 from morphosim.surfaces import SURFACE
 
 Real = NDArray[np.float64]
-MATRIX = np.array([[4, 7, 8], [7, 5, 9], [8, 9, 6]])
+MATRIX = np.array([[8, 11, 12], [11, 9, 13], [12, 13, 10]])
 """Places of the second moments among the moments of the kernel."""
 
 
@@ -22,9 +22,10 @@ MATRIX = np.array([[4, 7, 8], [7, 5, 9], [8, 9, 6]])
 class Measurement:
     """Measures of N cells and of the P pairs of them that are in contact.
 
-    The semi-axes and principal axes are those of the ellipsoid with the same second moments. A
-    cell whose φ is nowhere above 1/2 has surface and enclosed volume 0 and NaN for what is a ratio
-    of these; one without volume has NaN for its centroid and axes.
+    The semi-axes and principal axes are those of the ellipsoid with the same second moments as the
+    region where φ exceeds 1/2. A cell whose φ is nowhere above 1/2 has surface and enclosed volume
+    0, and NaN for its axes and for what is a ratio of these; one without volume has NaN for its
+    centroid.
 
     Attributes
     ----------
@@ -89,7 +90,9 @@ def measure(
     """
     _validate.number("spacing", spacing, above=0)
     prepared = prepare(phi, origin, shape, start)
-    volume, centroid, semi_axes, principal_axes = _ellipsoids(prepared, spacing)
+    found = _moments(prepared.bounds, prepared.fields)
+    volume, centroid = found[:, 0] * spacing**3, _centroids(prepared.fields, found, spacing)
+    semi_axes, principal_axes = _ellipsoids(found, spacing)
     area, enclosed = _surfaces(prepared, spacing)
     with np.errstate(invalid="ignore"):
         sphericity = np.pi ** (1 / 3) * (6 * enclosed) ** (2 / 3) / area
@@ -99,6 +102,18 @@ def measure(
         volume, centroid, semi_axes, principal_axes, area, enclosed, sphericity, irregularity,
         pairs, contact_area,
     )  # fmt: skip
+
+
+def centroids(
+    phi: NDArray[np.floating],
+    origin: NDArray[np.int64],
+    shape: NDArray[np.int64],
+    start: NDArray[np.int64],
+    spacing: float,
+) -> Real:
+    """Centroids alone, (N, 3) µm; parameters as for `measure`."""
+    fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
+    return _centroids(fields, _moments(shared_out(shape), fields), spacing)
 
 
 def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
@@ -113,16 +128,31 @@ def _surfaces(prepared: Prepared, spacing: float) -> tuple[Real, Real]:
     return found[:, 0] * spacing**2, found[:, 1] * spacing**3
 
 
-def _ellipsoids(prepared: Prepared, spacing: float) -> tuple[Real, Real, Real, Real]:
-    """Volumes, centroids, semi-axes and principal axes."""
-    found = np.zeros((len(prepared.fields.start), N_MOMENTS))
-    moments(prepared.bounds, prepared.fields, found)
-    total = np.where(found[:, 0] > 0, found[:, 0], np.nan)
-    centre = found[:, 1:4] / total[:, None]
-    covariance = found[:, MATRIX] / total[:, None, None] - centre[:, :, None] * centre[:, None, :]
+def _moments(bounds: NDArray[np.int64], fields: Fields) -> Real:
+    found = np.zeros((len(fields.start), N_MOMENTS))
+    moments(bounds, fields, found)
+    return found
+
+
+def _centroids(fields: Fields, found: Real, spacing: float) -> Real:
+    return np.asarray((fields.origin + _mean(found[:, :4])) * spacing)
+
+
+def _ellipsoids(found: Real, spacing: float) -> tuple[Real, Real]:
+    """Semi-axes and principal axes."""
+    centre, points = _mean(found[:, 4:8]), _or_nan(found[:, 4])
+    covariance = found[:, MATRIX] / points[:, None, None] - centre[:, :, None] * centre[:, None, :]
     semi_axes, principal_axes = _axes(covariance)
-    centroid = (prepared.fields.origin + centre) * spacing
-    return found[:, 0] * spacing**3, centroid, semi_axes * spacing, principal_axes
+    return semi_axes * spacing, principal_axes
+
+
+def _mean(sums: Real) -> Real:
+    """(N, 3) means of (N, 4) sums of a weight and of it times x, y, z."""
+    return np.asarray(sums[:, 1:] / _or_nan(sums[:, 0])[:, None])
+
+
+def _or_nan(weight: Real) -> Real:
+    return np.where(weight > 0, weight, np.nan)
 
 
 def _axes(covariance: Real) -> tuple[Real, Real]:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from morphosim import _validate, stability
 from morphosim.engine import RUNAWAY, Engine
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
-from morphosim.fields import CellField, centroid
+from morphosim.fields import CellField
 from morphosim.initial import lattice_field
 from morphosim.interrupts import deferred_interrupts
+from morphosim.measure import centroids
 from morphosim.scene import Cell, Scene
 from morphosim.scenefile import settings
 from morphosim.snapshot import Snapshot
@@ -181,8 +182,8 @@ class Simulation:
     @property
     def centroids(self) -> NDArray[np.float64]:
         """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
-        spacing = self.scene.numerics.spacing
-        return np.array([centroid(f, spacing) for f in self.fields])
+        pool = self.engine.pool
+        return centroids(pool.phi, pool.origin, pool.shape, pool.start, self.scene.numerics.spacing)
 
     def step(self, steps: int = 1) -> None:
         """Advance by a number of steps of δt.

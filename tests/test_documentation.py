@@ -21,7 +21,7 @@ def test_readme_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     names: dict[str, object] = {}
     for block in blocks:
         exec(block, names)
-    assert len(names["fields"]) == 2
+    assert names["phi"].dims == ("x", "y", "z")
 
 
 def test_readme_names_a_scene_that_exists() -> None:

@@ -132,10 +132,9 @@ def test_volume_centroid_and_axes_of_an_ellipsoid() -> None:
     found = measure_fields([ellipsoid(axes, turned, center)], H)
     assert found.volume[0] == pytest.approx(4 * np.pi * np.prod(axes) * radial(2), rel=1e-4)
     np.testing.assert_allclose(found.centroid[0], center, atol=1e-5)
-    moment = radial(4) / 3 / radial(2)
-    np.testing.assert_allclose(found.semi_axes[0], np.sqrt(5 * moment) * np.array(axes), rtol=1e-4)
+    np.testing.assert_allclose(found.semi_axes[0], axes, rtol=5e-3)
     signs = np.sign(turned[np.abs(turned).argmax(axis=0), range(3)])
-    np.testing.assert_allclose(found.principal_axes[0], (turned * signs).T, atol=1e-4)
+    np.testing.assert_allclose(found.principal_axes[0], (turned * signs).T, atol=5e-3)
 
 
 def test_axes_are_ordered_and_point_forward() -> None:
@@ -143,6 +142,7 @@ def test_axes_are_ordered_and_point_forward() -> None:
     np.testing.assert_allclose(found.principal_axes[0], np.eye(3)[[1, 2, 0]], atol=1e-4)
     np.testing.assert_allclose(found.principal_axes[1], np.eye(3)[[0, 2, 1]], atol=1e-4)
     np.testing.assert_allclose(found.semi_axes[0], found.semi_axes[1], rtol=1e-4)
+    np.testing.assert_allclose(found.semi_axes[0], [6, 4, 3], rtol=1e-2)
 
 
 def test_centroid_is_that_of_the_field() -> None:
@@ -235,7 +235,9 @@ def test_a_faint_cell_has_no_surface() -> None:
     found = measure_fields([whole, faint], H)
     assert found.surface_area[1] == found.enclosed_volume[1] == 0
     assert np.isnan([found.sphericity[1], found.irregularity[1]]).all()
-    np.testing.assert_allclose(found.semi_axes[1], found.semi_axes[0], rtol=1e-9)
+    assert np.isnan(found.semi_axes[1]).all()
+    assert np.isnan(found.principal_axes[1]).all()
+    np.testing.assert_allclose(found.centroid[1], found.centroid[0], atol=1e-9)
     np.testing.assert_array_equal(found.contacts, [(0, 1)])  # φ = 0.34 is still reached
 
 

@@ -166,15 +166,12 @@ class RunWriter:
         if simulation.engine.steps == self._saved:
             return
         number = self._number + 1
+        measured, speeds = _measured(simulation), self._since.speeds(simulation)
         try:
-            with ThreadPoolExecutor(1) as other:
+            with ThreadPoolExecutor(1) as other, replacing(self.files.save(number)) as partial:
                 state = other.submit(simulation.snapshot().write, self.files.restart(number))
-                with replacing(self.files.save(number)) as partial:
-                    write_save(
-                        partial, simulation, _measured(simulation),
-                        self._since.speeds(simulation), self.fields, self.labels,
-                    )  # fmt: skip
-                    state.result()  # a save appears after its state
+                write_save(partial, simulation, measured, speeds, self.fields, self.labels)
+                state.result()  # a save appears after its state
             self.files.restart(self._number).unlink(missing_ok=True)
         except OSError as error:
             raise self._error(simulation, error) from error
@@ -202,9 +199,8 @@ class _Since:
         nowhere = np.full(3, np.nan)
         before = np.array([self.centroids.get(name, nowhere) for name in simulation.names])
         span = simulation.time - self.time
-        if span <= 0:
-            return np.full(len(before), np.nan)
-        return np.asarray(np.linalg.norm(simulation.centroids - before, axis=1) / span)
+        moved = np.linalg.norm(simulation.centroids - before, axis=1)
+        return np.asarray(moved / span if span > 0 else np.full(len(moved), np.nan))
 
 
 def _measured(simulation: Simulation) -> Measurement:

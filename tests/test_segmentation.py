@@ -1,0 +1,503 @@
+"""Scenes from label images: reading them, cells and walls, and how well shapes come through."""
+
+import importlib.util
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+import xarray as xr
+
+from morphosim.confinement import EllipsoidShell, MaskWalls
+from morphosim.labelfile import read_labels
+from morphosim.labelimage import LabelImage, SegmentationWarning
+from morphosim.labels import label_image
+from morphosim.numerics import Numerics
+from morphosim.physics import Physics
+from morphosim.scene import Scene
+from morphosim.scenefile import load_scene, save_scene
+from morphosim.segmentation import import_labels
+from morphosim.simulation import Simulation
+
+LABELS = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
+"""Axes x, y, z; every voxel differs."""
+TIMES = np.stack([LABELS, LABELS + 100])
+SPACING = (0.2, 0.3, 0.6)
+CENTRES = np.array([(-5.5, 0, 0), (5.5, 0, 0), (0, 8, 1.5)])
+RADII = (6.5, 6.5, 5.5)
+
+
+# --- made images -------------------------------------------------------------------------------
+
+
+def embryo(x: Any, y: Any, z: Any) -> np.ndarray:
+    """Labels at points of three balls that press each other flat."""
+    squares = [
+        sum((p - o) ** 2 for p, o in zip((x, y, z), centre, strict=True)) - radius**2
+        for centre, radius in zip(CENTRES, RADII, strict=True)
+    ]
+    nearest = np.argmin(np.broadcast_arrays(*squares), axis=0)
+    return np.where(np.min(np.broadcast_arrays(*squares), axis=0) < 0, nearest + 1, 0)
+
+
+def photographed(spacing: Any = 0.5, shape: Any = embryo, reach: float = 16.0) -> LabelImage:
+    """Label image of what a function says at each voxel."""
+    steps = np.broadcast_to(spacing, 3)
+    axes = [np.arange(-reach, reach, s) for s in steps]
+    labels = shape(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    return LabelImage(labels=labels, spacing=steps, origin=[-reach] * 3)
+
+
+def blocks(*places: tuple[int, ...], shape: Any = (30, 20, 20)) -> LabelImage:
+    """Blocks of 6 x 8 x 8 voxels of 0.5 µm with labels 3, 4, ... from these voxels on."""
+    labels = np.zeros(shape, np.int32)
+    for label, (x, y, z) in enumerate(places, start=3):
+        labels[x : x + 6, y : y + 8, z : z + 8] = label
+    return LabelImage(labels=labels, spacing=0.5)
+
+
+TWO = ((4, 6, 6), (18, 6, 6))
+
+
+# --- files -------------------------------------------------------------------------------------
+
+
+def assert_same(image: LabelImage, spacing: Any = SPACING, labels: np.ndarray = LABELS) -> None:
+    np.testing.assert_array_equal(image.labels, labels)
+    np.testing.assert_allclose(image.spacing, spacing)
+
+
+def write_tiff(path: Path, values: np.ndarray, **options: Any) -> Path:
+    tifffile.imwrite(path, values, photometric="minisblack", **options)
+    return path
+
+
+def write_ome(path: Path, values: np.ndarray, axes: str, **sizes: Any) -> Path:
+    return write_tiff(path, values, ome=True, metadata={"axes": axes, **sizes})
+
+
+def test_tiff(tmp_path: Path) -> None:
+    path = write_tiff(tmp_path / "a.TIFF", LABELS.T, compression="zlib")
+    assert_same(read_labels(path, spacing=SPACING))
+    other = write_tiff(tmp_path / "b.tif", LABELS)
+    assert_same(read_labels(other, spacing=SPACING, axes="XYZ"))
+
+
+def test_tiff_with_times(tmp_path: Path) -> None:
+    path = write_tiff(tmp_path / "t.tif", TIMES.transpose(0, 3, 2, 1))
+    with pytest.raises(ValueError, match=r"t\.tif holds 2 times; choose one by time_index, 0 to 1"):
+        read_labels(path, spacing=1)
+    assert_same(read_labels(path, spacing=1, time_index=0), 1)
+    assert_same(read_labels(path, spacing=1, time_index=-1), 1, TIMES[1])
+    with pytest.raises(ValueError, match=r"time_index = 2, but .* holds 2 times \(0 to 1\)"):
+        read_labels(path, spacing=1, time_index=2)
+    with pytest.raises(ValueError, match="time_index = -3"):
+        read_labels(path, spacing=1, time_index=-3)
+
+
+def test_ome_tiff(tmp_path: Path) -> None:
+    sizes = {"PhysicalSizeX": 200, "PhysicalSizeXUnit": "nm", "PhysicalSizeY": 0.3,
+             "PhysicalSizeZ": 0.6, "PhysicalSizeZUnit": "µm"}  # fmt: skip
+    path = write_ome(tmp_path / "a.ome.tif", LABELS.T, "ZYX", **sizes)
+    assert_same(read_labels(path))
+    assert_same(read_labels(path, spacing=0.5), 0.5)
+    path = write_ome(tmp_path / "t.ome.tif", TIMES.transpose(3, 0, 2, 1), "ZTYX", **sizes)
+    assert_same(read_labels(path, time_index=1), labels=TIMES[1])
+
+
+def test_ome_tiff_that_does_not_say_all(tmp_path: Path) -> None:
+    path = write_ome(tmp_path / "a.ome.tif", LABELS.T, "ZYX", PhysicalSizeX=0.2, PhysicalSizeY=0.2)
+    with pytest.raises(ValueError, match=r"size of its voxels along z; give spacing"):
+        read_labels(path)
+    unit = {"PhysicalSizeX": 2, "PhysicalSizeXUnit": "pixel"}
+    path = write_ome(tmp_path / "b.ome.tif", LABELS.T, "ZYX", **unit)
+    with pytest.raises(ValueError, match=r"unit of .*PhysicalSizeX = 'pixel' is not known"):
+        read_labels(path)
+
+
+def test_channels_are_no_label_image(tmp_path: Path) -> None:
+    path = write_ome(tmp_path / "c.ome.tif", TIMES.transpose(0, 3, 2, 1), "CZYX")
+    with pytest.raises(ValueError, match=r"shape \(2, 4, 3, 2\), with axes 'czyx'.*one channel"):
+        read_labels(path, spacing=1)
+
+
+def test_numpy_files(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", LABELS)
+    assert_same(read_labels(tmp_path / "a.npy", spacing=SPACING))
+    np.save(tmp_path / "t.npy", TIMES)
+    assert_same(read_labels(tmp_path / "t.npy", spacing=1, time_index=1), 1, TIMES[1])
+    np.savez(tmp_path / "one.npz", seg=LABELS.T)
+    assert_same(read_labels(tmp_path / "one.npz", spacing=SPACING, axes="zyx"))
+    np.savez(tmp_path / "two.npz", seg=LABELS, raw=LABELS)
+    assert_same(read_labels(tmp_path / "two.npz", spacing=SPACING, key="seg"))
+    with pytest.raises(ValueError, match="2 could be the labels; choose one by key out of 'seg'"):
+        read_labels(tmp_path / "two.npz", spacing=1)
+    with pytest.raises(ValueError, match=r"'sag' is not known.*did you mean 'seg'"):
+        read_labels(tmp_path / "two.npz", spacing=1, key="sag")
+    with pytest.raises(ValueError, match=r"key = 'seg', but .* holds one array"):
+        read_labels(tmp_path / "a.npy", spacing=1, key="seg")
+
+
+def write_netcdf(path: Path, **changes: Any) -> Path:
+    """Labels with axes z, time, y, x and coordinates, beside a variable that has no labels."""
+    coordinates = {
+        "x": ("x", [7.0, 7.2], {"units": "µm"}),
+        "y": ("y", [0.0, 300.0, 600.0], {"units": "nm"}),
+        "z": ("z", [-1.2, -0.6, 0.0, 0.6]),
+    }
+    data = xr.Dataset(
+        {
+            "label": (("z", "time", "y", "x"), TIMES.transpose(3, 0, 2, 1)),
+            "intensity": (("z", "y", "x"), np.zeros((4, 3, 2))),
+        },
+        coords=coordinates | changes,
+    )
+    data.to_netcdf(path)
+    return path
+
+
+def test_netcdf(tmp_path: Path) -> None:
+    image = read_labels(write_netcdf(tmp_path / "a.nc"), time_index=1)
+    assert_same(image, labels=TIMES[1])
+    np.testing.assert_allclose(image.origin, (7, 0, -1.2))
+    moved = read_labels(tmp_path / "a.nc", time_index=0, key="label", origin=(1, 2, 3), spacing=2)
+    assert_same(moved, 2)
+    np.testing.assert_array_equal(moved.origin, (1, 2, 3))
+    with pytest.raises(ValueError, match=r"a\.nc: label holds 2 times"):
+        read_labels(tmp_path / "a.nc")
+
+
+def test_netcdf_with_other_names(tmp_path: Path) -> None:
+    xr.Dataset({"seg": (("lon", "lat", "height"), LABELS)}).to_netcdf(tmp_path / "a.nc")
+    assert_same(read_labels(tmp_path / "a.nc", spacing=SPACING))
+    xr.Dataset({"a": (("x", "y", "z"), LABELS), "b": (("x", "y", "z"), LABELS)}).to_netcdf(
+        tmp_path / "b.nc"
+    )
+    with pytest.raises(ValueError, match="2 could be the labels"):
+        read_labels(tmp_path / "b.nc", spacing=1)
+
+
+@pytest.mark.parametrize(
+    ("z", "text"),
+    [
+        ([0.0, 0.6, 1.3, 1.9], "z has steps from 0.6 to 0.7 µm; expected even steps upwards"),
+        ([1.8, 1.2, 0.6, 0.0], "z has steps from -0.6 to -0.6"),
+    ],
+)
+def test_netcdf_coordinates_that_are_no_grid(tmp_path: Path, z: list[float], text: str) -> None:
+    path = write_netcdf(tmp_path / "a.nc", z=("z", z))
+    with pytest.raises(ValueError, match=re.escape(text)):
+        read_labels(path, time_index=0)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.npy", "a.npz", "a.nc"])
+def test_spacing_must_be_known(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if path.suffix == ".tif":
+        write_tiff(path, LABELS)
+    elif path.suffix == ".nc":
+        xr.Dataset({"seg": (("x", "y", "z"), LABELS)}).to_netcdf(path)
+    else:
+        (np.save if path.suffix == ".npy" else np.savez)(path, LABELS)
+    with pytest.raises(ValueError, match=rf"{name} does not say the size .* x, y, z; give spacing"):
+        read_labels(path)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.npy", "a.npz", "a.nc"])
+def test_damaged_files(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"\xff\xd8\xff\xe0 a picture")
+    with pytest.raises(ValueError, match=rf"{name} cannot be read as a"):
+        read_labels(tmp_path / name, spacing=1)
+
+
+def test_bad_paths(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"absent\.tif does not exist"):
+        read_labels(tmp_path / "absent.tif")
+    with pytest.raises(ValueError, match=r"'\.lif' is not known; allowed are '\.tif'"):
+        read_labels(tmp_path / "a.lif")
+    with pytest.raises(ValueError, match="axes = 'zy': expected the letters x, y, z"):
+        read_labels(tmp_path / "a.tif", axes="zy")
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("imagecodecs") is not None, reason="imagecodecs is installed"
+)
+def test_compression_that_needs_a_package(tmp_path: Path) -> None:
+    path = write_tiff(tmp_path / "a.tif", LABELS)
+    tag = b"\x03\x01\x03\x00\x01\x00\x00\x00"  # 259, compression: one short
+    data = path.read_bytes()
+    assert tag + b"\x01" in data
+    path.write_bytes(data.replace(tag + b"\x01", tag + b"\x05"))  # LZW
+    with pytest.raises(ImportError, match=r"a\.tif: .*try: pip install imagecodecs"):
+        read_labels(path, spacing=1)
+
+
+def test_labels_of_other_types() -> None:
+    assert_same(LabelImage(labels=LABELS.astype(float), spacing=1), 1)
+    assert LabelImage(labels=LABELS > 0, spacing=1).labels.max() == 1
+
+
+@pytest.mark.parametrize(
+    ("labels", "text"),
+    [
+        (LABELS + 0.5, "numbers that are not whole"),
+        (np.where(LABELS > 3, np.nan, LABELS), "numbers that are not whole"),
+        (LABELS.astype(int) - 1, "labels hold -1; expected 0"),
+        (LABELS[0], r"shape \(3, 4\); expected three axes"),
+        (LABELS.astype(str), "expected whole numbers"),
+    ],
+)
+def test_labels_that_are_none(labels: np.ndarray, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        LabelImage(labels=labels, spacing=1)
+
+
+# --- cells -------------------------------------------------------------------------------------
+
+
+def centroid(scene: Scene, k: int) -> np.ndarray:
+    """Mean position of the voxels of a cell's mask, µm."""
+    shape = scene.cells[k].shape
+    return np.argwhere(shape.mask).mean(axis=0) * shape.spacing + shape.origin
+
+
+def test_blocks_become_cells() -> None:
+    scene = import_labels(blocks(*TWO))
+    assert scene.names == ["cell3", "cell4"]
+    assert [cell.target_volume(0) for cell in scene.cells] == [6 * 8 * 8 / 8] * 2
+    assert not any(cell.frozen for cell in scene.cells)
+    assert scene.confinement is None
+    for k, first in enumerate(TWO):
+        expected = 0.5 * (np.array(first) + np.array((2.5, 3.5, 3.5)))
+        np.testing.assert_allclose(centroid(scene, k), expected, atol=1e-9)
+        assert scene.cells[k].shape.volume == pytest.approx(48, rel=0.03)
+
+
+def ball(radius: float) -> Any:
+    return lambda x, y, z: (x**2 + y**2 + z**2 < radius**2).astype(int)
+
+
+@pytest.mark.parametrize("spacing", [0.5, (0.25, 0.25, 1.0), (0.2, 0.2, 0.6), (0.3, 0.4, 2.0)])
+def test_any_voxels_become_cubes(spacing: Any) -> None:
+    image = photographed(spacing, ball(6.0), reach=8.0)
+    cell = import_labels(image).cells[0]
+    voxels = np.count_nonzero(image.labels) * image.voxel
+    assert cell.target_volume(0) == pytest.approx(voxels)
+    assert cell.shape.volume == pytest.approx(voxels, rel=0.01)
+    axes = [o + np.arange(n) * cell.shape.spacing for n, o in
+            zip(cell.shape.mask.shape, cell.shape.origin, strict=True)]  # fmt: skip
+    mine, true = cell.shape.mask, ball(6.0)(*np.meshgrid(*axes, indexing="ij")).astype(bool)
+    assert np.count_nonzero(mine & true) / np.count_nonzero(mine | true) > 0.93
+
+
+def test_volume_of_the_surface() -> None:
+    image = photographed(0.25, ball(4.0), reach=6.0)
+    physics = Physics(c=3.0)
+    cell = import_labels(image, physics=physics, volumes="surface").cells[0]
+    depth = 4.0 - np.linalg.norm(np.indices((41,) * 3) * 0.3 - 6.0, axis=0)
+    exact = 0.5 * (1 + np.tanh(physics.interface_scale * depth)).sum() * 0.3**3
+    assert cell.target_volume(0) == pytest.approx(exact, rel=0.01)
+    assert cell.shape.volume == pytest.approx(exact, rel=0.01)
+
+
+def test_smoothing_suits_the_image() -> None:
+    assert import_labels(blocks(*TWO)).cells[0].shape.smoothing == 2
+    assert import_labels(photographed((0.5, 0.5, 1.5))).cells[0].shape.smoothing == 3
+    assert import_labels(blocks(*TWO), smoothing=0.0).cells[0].shape.smoothing == 0
+
+
+def test_an_image_without_background_or_without_cells() -> None:
+    full = LabelImage(labels=np.full((20, 20, 20), 7), spacing=0.5)
+    with pytest.warns(SegmentationWarning, match="border"):
+        assert import_labels(full).names == ["cell7"]
+    with pytest.raises(ValueError, match="no labels: all voxels are 0"):
+        import_labels(LabelImage(labels=np.zeros((9, 9, 9), int), spacing=0.5))
+
+
+def test_path_and_names(tmp_path: Path) -> None:
+    path = write_tiff(tmp_path / "embryo.ome.tif", blocks(*TWO).labels.T.astype(np.uint8))
+    scene = import_labels(path, spacing=0.5, names={3: "E", 9: "MS"})
+    assert scene.name == "embryo"
+    assert scene.names == ["E", "cell4"]
+    with pytest.raises(ValueError, match="spacing = 1, but the LabelImage has its own"):
+        import_labels(blocks(*TWO), spacing=1)
+    with pytest.raises(ValueError, match="labels 1, but the image holds 3, 4"):
+        import_labels(blocks(*TWO), names={1: "E"})
+
+
+def test_table(tmp_path: Path) -> None:
+    path = tmp_path / "cells.csv"
+    path.write_text(
+        "\ufeffLabel;name;type;volume;gamma;frozen;parent\n4;E;endo;50.5;0.3;yes;EMS\n\n3;MS;;;;;\n",
+        encoding="utf-8",
+    )
+    ms, e = import_labels(blocks(*TWO), names=path).cells
+    assert (ms.name, ms.type, ms.gamma, ms.frozen) == ("MS", "", None, False)
+    assert ms.target_volume(0) == 48
+    assert (e.name, e.type, e.gamma, e.frozen) == ("E", "endo", 0.3, True)
+    assert (e.target_volume(0), e.parent) == (50.5, "EMS")
+    assert e.shape.volume == pytest.approx(48, rel=0.03)
+    path.write_text("label,cell\n3,MS\n", encoding="utf-8")
+    assert import_labels(blocks(*TWO), names=path).names == ["MS", "cell4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("label,size\n3,1\n", "column of .* = 'size' is not known"),
+        ("name\nE\n", "row 2: label = ''; expected a whole number"),
+        ("label,name\nE,3\n", "label = 'E'; expected a whole number"),
+        ("label,name\n3,A\n3,B\n", "row 3: label 3 occurs twice"),
+        ("label,name\n3,A\n4,A\n", "'A' occurs twice"),
+        ("label,volume\n3,big\n", "row 2: volume = 'big' is not a number"),
+        ("label,volume\n3,0\n", "row 2: volume = 0.0 is not allowed"),
+        ("label,frozen\n3,maybe\n", "row 2: frozen = 'maybe' is not known"),
+    ],
+)
+def test_bad_tables(tmp_path: Path, text: str, error: str) -> None:
+    (tmp_path / "cells.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=error):
+        import_labels(blocks(*TWO), names=tmp_path / "cells.csv")
+
+
+NAMES = {3: "MS", 4: "E"}
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"frozen": ["E"]}, [False, True]),
+        ({"frozen": [3]}, [True, False]),
+        ({"active": ["4"]}, [True, False]),
+        ({"active": ["MS", 4]}, [False, False]),
+    ],
+)
+def test_region_of_interest(options: dict, expected: list[bool]) -> None:
+    scene = import_labels(blocks(*TWO), names=NAMES, **options)
+    assert [cell.frozen for cell in scene.cells] == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"frozen": ["E"], "active": ["MS"]}, "give one of them"),
+        ({"active": ["EE"]}, "cell in active = 'EE' is not known; .*did you mean 'E'"),
+        ({"frozen": [5]}, "cell in frozen = 5 is not known; allowed are 'MS', 'E'"),
+        ({"active": []}, "all 2 cells are frozen"),
+        ({"volumes": "area"}, "volumes = 'area' is not known"),
+        ({"confinement": "shell"}, "confinement = 'shell' is not known; allowed are 'image'"),
+    ],
+)
+def test_bad_options(options: dict, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        import_labels(blocks(*TWO), names=NAMES, **options)
+
+
+def test_one_text_is_no_list_of_names() -> None:
+    with pytest.raises(TypeError, match="frozen = 'E' is one text"):
+        import_labels(blocks(*TWO), names=NAMES, frozen="E")
+
+
+def test_cells_at_the_border() -> None:
+    image = blocks((0, 6, 6), (14, 6, 12), (22, 6, 4))
+    with pytest.warns(SegmentationWarning, match="may cut them off: MS, E. Freeze"):
+        import_labels(image, names=NAMES)
+    assert len(import_labels(image, frozen=[3, 4]).cells) == 3  # without a warning
+
+
+def test_loose_voxels_are_left_out() -> None:
+    image = blocks(*TWO)
+    image.labels[0, 0, 0] = 3  # so far out that it is at the border
+    image.labels[10, 14, 14] = 3  # shares a corner with the block
+    with pytest.warns(SegmentationWarning, match=r"left out: 3 \(1\)"):
+        scene = import_labels(image)
+    assert scene.cells[0].target_volume(0) == (6 * 8 * 8 + 1) / 8
+    assert scene.cells[0].shape.bounds()[0].min() > 1
+
+
+def test_labels_in_pieces() -> None:
+    image = blocks(*TWO)
+    image.labels[0:4, 0:4, 0:2] = 4
+    with pytest.raises(ValueError, match=r"several pieces, .* largest: 4 \(32\)\. Give each cell"):
+        import_labels(image)
+
+
+def test_small_labels() -> None:
+    image = blocks(*TWO)
+    image.labels[0, 0, :20] = 1
+    with pytest.raises(ValueError, match=r"fewer than 27 voxels: 1 \(20\)\. Set them to 0"):
+        import_labels(image)
+    with pytest.raises(ValueError, match=r"fewer than 400 voxels: 1 \(20\), 3 \(384\), 4 \(384\)"):
+        import_labels(image, least_voxels=400)
+    with pytest.raises(ValueError, match="fewer than 422 voxels"):  # of 0.2 µm, for h = 0.5 µm
+        import_labels(LabelImage(labels=image.labels, spacing=0.2))
+    finer = LabelImage(labels=image.labels[:, 1:], spacing=0.2)
+    assert len(import_labels(finer, numerics=Numerics(spacing=0.4)).cells) == 2
+
+
+# --- walls -------------------------------------------------------------------------------------
+
+
+def test_walls_around_the_image() -> None:
+    centres = np.array([(-6.0, 0, 0), (6.0, 0, 0)])
+
+    def pair(x: Any, y: Any, z: Any) -> np.ndarray:
+        left, right = ((x - o[0]) ** 2 + y**2 + z**2 < 25 for o in centres)
+        return left + 2 * right
+
+    image = photographed((0.25, 0.25, 1.0), pair, reach=12.0)
+    walls = import_labels(image, confinement="image").confinement
+    assert isinstance(walls, MaskWalls)
+    x = np.array([0.0, 11.4, 12.2, 6.0, 6.0, 0.0, 0.0])
+    z = np.array([0.0, 0.0, 0.0, 5.0, 6.2, 2.0, 5.5])
+    np.testing.assert_array_equal(walls.field(x, 0 * x, z), [0, 0, 1, 0, 1, 0, 1])
+
+
+def test_walls_come_with_stable_numerics() -> None:
+    scene = import_labels(blocks(*TWO), confinement="image")
+    assert scene.numerics == Numerics(S=14.0)
+    Simulation(scene)  # would warn
+    given = import_labels(blocks(*TWO), confinement="image", numerics=Numerics(dt=1.0))
+    assert given.numerics == Numerics(dt=1.0)
+
+
+# --- simulations -------------------------------------------------------------------------------
+
+SHELL = EllipsoidShell(center=(0, 2.5, 0), semi_axes=(14.5, 14.5, 14.5))
+
+
+def overlaps(simulation: Simulation) -> list[float]:
+    """IoU of each cell with what was photographed, at the points of the lattice."""
+    origin, labels = label_image(simulation.fields)
+    h = simulation.scene.numerics.spacing
+    axes = [(o + np.arange(n)) * h for o, n in zip(origin, labels.shape, strict=True)]
+    true = embryo(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    return [
+        np.count_nonzero((labels == k) & (true == k))
+        / np.count_nonzero((labels == k) | (true == k))
+        for k in (1, 2, 3)
+    ]
+
+
+@pytest.mark.parametrize("spacing", [0.5, (0.25, 0.25, 1.0)])
+@pytest.mark.parametrize(("volumes", "least"), [("voxels", 0.9), ("surface", 0.96)])
+def test_shapes_come_through(spacing: Any, volumes: str, least: float) -> None:
+    scene = import_labels(
+        photographed(spacing), physics=Physics(sigma=0.5), confinement=SHELL, volumes=volumes
+    )
+    simulation = Simulation(scene)
+    simulation.run(until=20)
+    assert min(overlaps(simulation)) > least
+
+
+def test_only_the_region_of_interest_moves(tmp_path: Path) -> None:
+    scene = import_labels(photographed(), active=[3], physics=Physics(sigma=0.5))
+    save_scene(scene, tmp_path / "scene.toml")
+    simulation = Simulation(load_scene(tmp_path / "scene.toml"))
+    before = simulation.centroids
+    simulation.run(until=20)
+    moved = np.linalg.norm(simulation.centroids - before, axis=1)
+    assert (moved[:2] == 0).all()
+    assert moved[2] > 0.01
