@@ -9,8 +9,8 @@ from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.boxes import include, row_peak, row_span
 
 N_MOMENTS = 14
-"""Of positions in a box: Σ φ, Σ φ (x, y, z); and over the points where φ exceeds 1/2: Σ 1,
-Σ (x, y, z), Σ (xx, yy, zz), Σ (xy, xz, yz)."""
+"""Of positions in a box: Σ φ, Σ φ (x, y, z); and of the inside, whose weight w goes from 0 to 1 as φ
+goes from 3/8 to 5/8: Σ w, Σ w (x, y, z), Σ w (xx, yy, zz), Σ w (xy, xz, yz)."""
 
 
 class Fields(NamedTuple):
@@ -31,17 +31,17 @@ class Fields(NamedTuple):
 
 @inline_kernel()
 def row_moments(values, first, nz):
-    """Σ φ and Σ φ z of one row, and over its points where φ exceeds 1/2 Σ 1, Σ z and Σ zz."""
+    """Σ φ and Σ φ z of one row, and Σ w, Σ w z and Σ w zz of its inside."""
     total = along = inside = inside_along = inside_square = 0.0
     for z in range(np.uint64(nz)):
         # Integers of 64 bits become floats one by one on most processors.
         value, place = np.float64(values[first + z]), np.float64(np.int32(z))
-        one = 1.0 if value > 0.5 else 0.0
+        weight = min(max(4.0 * value - 1.5, 0.0), 1.0)
         total += value
         along += value * place
-        inside += one
-        inside_along += one * place
-        inside_square += one * place * place
+        inside += weight
+        inside_along += weight * place
+        inside_square += weight * place * place
     return total, along, inside, inside_along, inside_square
 
 

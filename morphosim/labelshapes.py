@@ -26,7 +26,7 @@ def resampled(
     origin = np.asarray(image.origin) + (piece.first - around) * steps
     first = origin + 0.5 * (step - steps)  # so that cubes fill a voxel where they fit into it
     depth = _sampled(_signed_distance(padded, steps), origin, steps, first, step)
-    depth = uniform_filter(depth, 3, mode="nearest")  # else many cubes are equally deep
+    depth = uniform_filter(depth, 3, mode="nearest").round(6)  # fewer cubes are equally deep
     wanted = min(max(round(volume / step**3), 1), depth.size)
     level = np.partition(depth, -wanted, axis=None)[-wanted]
     more, fewer = depth >= level, depth > level

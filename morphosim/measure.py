@@ -23,9 +23,9 @@ class Measurement:
     """Measures of N cells and of the P pairs of them that are in contact.
 
     The semi-axes and principal axes are those of the ellipsoid with the same second moments as the
-    region where φ exceeds 1/2. A cell whose φ is nowhere above 1/2 has surface and enclosed volume
-    0, and NaN for its axes and for what is a ratio of these; one without volume has NaN for its
-    centroid.
+    region where φ exceeds 1/2, its edge smoothed from 3/8 to 5/8. A cell whose φ is nowhere above
+    1/2 has surface and enclosed volume 0 and NaN for what is a ratio of these; one nowhere above
+    3/8 has NaN for its axes, one without volume for its centroid.
 
     Attributes
     ----------

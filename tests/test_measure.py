@@ -235,10 +235,17 @@ def test_a_faint_cell_has_no_surface() -> None:
     found = measure_fields([whole, faint], H)
     assert found.surface_area[1] == found.enclosed_volume[1] == 0
     assert np.isnan([found.sphericity[1], found.irregularity[1]]).all()
-    assert np.isnan(found.semi_axes[1]).all()
-    assert np.isnan(found.principal_axes[1]).all()
+    assert (found.semi_axes[1] < 0.8 * found.semi_axes[0]).all()  # what is above 3/8 is left
     np.testing.assert_allclose(found.centroid[1], found.centroid[0], atol=1e-9)
     np.testing.assert_array_equal(found.contacts, [(0, 1)])  # φ = 0.34 is still reached
+
+
+def test_a_cell_without_inside_has_no_axes() -> None:
+    whole = ball(4)
+    found = measure_fields([CellField("faint", whole.origin, 0.35 * whole.phi)], H)
+    assert np.isnan(found.semi_axes).all()
+    assert np.isnan(found.principal_axes).all()
+    assert np.isfinite(found.centroid).all()
 
 
 def test_an_empty_field_has_nothing_to_measure() -> None:

@@ -93,7 +93,7 @@ def test_shapes_speed_and_contacts_are_saved(tmp_path: Path) -> None:
         (area,) = contact_areas(simulation.fields, 0.5).values()
         assert last["contact_area"].values == pytest.approx(np.array([[0, area], [area, 0]]))
         ball = 4 / 3 * np.pi * last["semi_axes"].values.prod(axis=1)
-        np.testing.assert_allclose(ball, last["enclosed_volume"], rtol=0.03)
+        np.testing.assert_allclose(ball, last["enclosed_volume"], rtol=0.07)
         assert (last["sphericity"] > 0.95).all()
         assert (last["sphericity"] <= 1.001).all()
         eta = last["surface_area"] ** 0.5 / last["enclosed_volume"] ** (1 / 3)
