@@ -9,8 +9,8 @@ from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.boxes import include, row_peak, row_span
 
 N_MOMENTS = 14
-"""Of positions in a box: Σ φ, Σ φ (x, y, z); and of the inside, whose weight w goes from 0 to 1 as φ
-goes from 3/8 to 5/8: Σ w, Σ w (x, y, z), Σ w (xx, yy, zz), Σ w (xy, xz, yz)."""
+"""Of positions in a box: Σ φ, Σ φ (x, y, z); and of the inside, whose weight w goes from 0 to 1 as
+φ goes from 3/8 to 5/8: Σ w, Σ w (x, y, z), Σ w (xx, yy, zz), Σ w (xy, xz, yz)."""
 
 
 class Fields(NamedTuple):

@@ -85,7 +85,8 @@ def pack(
 def shared_out(shape: Integers) -> Integers:
     """Ranges of cells of about as many points, one per thread: (threads + 1,)."""
     load, threads = np.cumsum([0, *shape.prod(axis=1)]), get_num_threads()
-    return np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads).astype(np.int64)
+    ends = np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads)
+    return np.asarray(ends, np.int64)
 
 
 def prepare(

@@ -16,6 +16,7 @@ from morphosim.labelimage import LabelImage, SegmentationWarning
 from morphosim.labels import label_image
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
+from morphosim.relaxation import relaxed
 from morphosim.scene import Scene
 from morphosim.scenefile import load_scene, save_scene
 from morphosim.segmentation import import_labels
@@ -501,3 +502,27 @@ def test_only_the_region_of_interest_moves(tmp_path: Path) -> None:
     moved = np.linalg.norm(simulation.centroids - before, axis=1)
     assert (moved[:2] == 0).all()
     assert moved[2] > 0.01
+
+
+def test_a_relaxed_scene_starts_from_what_a_free_one_becomes() -> None:
+    options = {"volumes": "surface", "physics": Physics(sigma=0.5), "confinement": SHELL}
+    free = Simulation(import_labels(photographed(), **options))
+    free.run(until=10)
+    scene = import_labels(photographed(), active=[3], **options)
+    start = relaxed(scene)
+    assert [cell.frozen for cell in start.cells] == [True, True, False]
+    assert [cell.volume for cell in start.cells] == [cell.volume for cell in scene.cells]
+    np.testing.assert_allclose(Simulation(start).centroids, free.centroids, atol=1e-3)
+    assert min(overlaps(Simulation(start))) > 0.96
+
+
+def test_frozen_neighbours_push_less_when_relaxed() -> None:
+    options = {"volumes": "surface", "physics": Physics(sigma=0.5), "confinement": SHELL}
+    rough = import_labels(photographed(), active=[3], **options)
+    free, smooth = relaxed(import_labels(photographed(), **options)), relaxed(rough)
+    ends = []
+    for scene in (free, smooth, rough):
+        simulation = Simulation(scene)
+        simulation.run(until=60)
+        ends.append(simulation.centroids[2])
+    assert np.linalg.norm(ends[1] - ends[0]) < 0.5 * np.linalg.norm(ends[2] - ends[0])

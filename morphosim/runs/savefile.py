@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from morphosim.measure import Measurement
     from morphosim.simulation import Simulation
 
-Values = Mapping[str, Any]
+Values = dict[str, Any]
 CHUNK = 1 << 15
 """Values per chunk of compressed fields."""
 
@@ -122,7 +122,7 @@ def _names(simulation: "Simulation") -> Values:
 
 def _table(
     simulation: "Simulation", measured: "Measurement", speeds: NDArray[np.float64]
-) -> dict[str, Any]:
+) -> Values:
     """Values of `PER_TIME`."""
     engine, spacing = simulation.engine, simulation.scene.numerics.spacing
     low = engine.pool.origin * spacing
