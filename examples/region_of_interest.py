@@ -11,12 +11,16 @@ from time import perf_counter
 import numpy as np
 import tifffile
 
-from morphosim import Scene, Simulation, built_in_scene
-from morphosim.labelfile import read_labels
-from morphosim.labelimage import LabelImage
+from morphosim import (
+    LabelImage,
+    Scene,
+    Simulation,
+    built_in_scene,
+    import_labels,
+    read_labels,
+    relaxed,
+)
 from morphosim.labels import label_image
-from morphosim.relaxation import relaxed
-from morphosim.segmentation import import_labels
 
 REGION = ("ABpl", "E", "MS")
 TIME = 100.0  # in silico, of the run that makes the image and of those that start from it
@@ -37,9 +41,9 @@ def make_image(folder: str) -> LabelImage:
 
 
 def make_scene(image: LabelImage, active: tuple[str, ...] | None = None) -> Scene:
-    """The embryo as it was segmented, in its shell; `volumes` keeps the size of its cells."""
+    """The embryo as it was segmented, in its shell."""
     return import_labels(
-        image, names=dict(enumerate(embryo.names, start=1)), active=active, volumes="surface",
+        image, names=dict(enumerate(embryo.names, start=1)), active=active,
         physics=embryo.physics, confinement=embryo.confinement,
     )  # fmt: skip
 

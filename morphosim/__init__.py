@@ -34,6 +34,7 @@ _EXPORTS = {
     "Numerics": "numerics",
     "Physics": "physics",
     "ProgressBar": "progress",
+    "relaxed": "relaxation",
     "pack": "runs.pack",
     "load_fields": "runs.fields",
     "open_run": "runs.reader",
@@ -47,6 +48,10 @@ _EXPORTS = {
     "Field": "shapes",
     "Mask": "shapes",
     "Sphere": "shapes",
+    "LabelImage": "segmentation.labelimage",
+    "SegmentationWarning": "segmentation.labelimage",
+    "read_labels": "segmentation.labelfile",
+    "import_labels": "segmentation.scene",
     "Simulation": "simulation",
     "StabilityWarning": "stability",
 }
@@ -63,12 +68,16 @@ if TYPE_CHECKING:
     from morphosim.numerics import Numerics
     from morphosim.physics import Physics
     from morphosim.progress import ProgressBar
+    from morphosim.relaxation import relaxed
     from morphosim.runs.fields import load_fields
     from morphosim.runs.pack import pack
     from morphosim.runs.reader import open_run
     from morphosim.runs.writer import RunWriter
     from morphosim.scene import Cell, Scene, VolumeCourse
     from morphosim.scenefile import load_scene, save_scene
+    from morphosim.segmentation.labelfile import read_labels
+    from morphosim.segmentation.labelimage import LabelImage, SegmentationWarning
+    from morphosim.segmentation.scene import import_labels
     from morphosim.shapes import Ellipsoid, Field, Mask, Sphere
     from morphosim.simulation import Simulation
     from morphosim.stability import StabilityWarning
@@ -76,11 +85,12 @@ if TYPE_CHECKING:
 __version__ = version("morphosim")
 __all__ = [
     "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
-    "EllipsoidShell", "Field", "FunctionWalls", "Mask", "MaskWalls", "Measurement", "Numerics",
-    "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "Simulation", "Sphere",
-    "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene", "contact_areas", "export",
-    "import_matlab", "load_fields", "load_scene", "measure_fields", "open_run", "pack",
-    "save_scene", "scene_names", "touching",
+    "EllipsoidShell", "Field", "FunctionWalls", "LabelImage", "Mask", "MaskWalls", "Measurement",
+    "Numerics", "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "SegmentationWarning",
+    "Simulation", "Sphere", "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene",
+    "contact_areas", "export", "import_labels", "import_matlab", "load_fields", "load_scene",
+    "measure_fields", "open_run", "pack", "read_labels", "relaxed", "save_scene", "scene_names",
+    "touching",
 ]  # fmt: skip
 
 

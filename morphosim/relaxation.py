@@ -4,7 +4,6 @@ from dataclasses import replace
 
 from morphosim import _validate
 from morphosim.scene import Scene
-from morphosim.shapes import Field
 from morphosim.simulation import Simulation
 
 RELAXATION = 10.0
@@ -41,13 +40,4 @@ def relaxed(scene: Scene, time: float = RELAXATION) -> Scene:
     free = [replace(cell, frozen=False) for cell in scene.cells]
     simulation = Simulation(replace(scene, cells=free, on_vanish="stop"))
     simulation.run(until=time)
-    spacing = scene.numerics.spacing
-    cells = [
-        replace(
-            cell,
-            shape=Field(phi=field.phi.copy(), origin=field.origin * spacing, spacing=spacing),
-            volume=cell.target_volume(0.0) if cell.volume is None else cell.volume,
-        )
-        for cell, field in zip(scene.cells, simulation.fields, strict=True)
-    ]
-    return replace(scene, cells=cells)
+    return scene.with_fields(simulation.fields, scene.numerics.spacing)

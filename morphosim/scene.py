@@ -1,6 +1,6 @@
 """What is modelled: cells, their physics and confinement, and how they are solved."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from morphosim import _validate
 from morphosim.confinement import Confinement
+from morphosim.fields import CellField
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.shapes import Field, PowerCell, Shape
@@ -217,6 +218,30 @@ class Scene:
             )
         ]
         return cls(cells=cells, confinement=confinement, **options)
+
+    def with_fields(self, fields: Iterable[CellField], spacing: float) -> "Scene":
+        """Copy of the scene whose cells start from fields, at the target volumes that they have.
+
+        Parameters
+        ----------
+        fields : of all cells, in any order
+        spacing : float
+            Lattice spacing of the fields, µm.
+
+        Raises
+        ------
+        ValueError
+            A cell has no field.
+        """
+        known = {field.name: field for field in fields}
+        cells = []
+        for cell in self.cells:
+            _validate.choice(f"field of a cell of scene {self.name!r}", cell.name, known)
+            field = known[cell.name]
+            shape = Field(phi=field.phi.copy(), origin=field.origin * spacing, spacing=spacing)
+            volume = cell.shape.volume if cell.volume is None else cell.volume
+            cells.append(replace(cell, shape=shape, volume=volume))
+        return replace(self, cells=cells)
 
     def with_numerics(self, **changes: Any) -> "Scene":
         """Copy of the scene with some numerical parameters changed."""

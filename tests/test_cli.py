@@ -175,3 +175,20 @@ def test_a_preset_is_chosen_on_the_command_line(tmp_path: Path) -> None:
     words = ["run", "single-cell", "-o", tmp_path, "--preset", "draft", "--until", "8"]
     assert CliRunner().invoke(app, [str(word) for word in words]).exit_code == 0
     assert load_scene(tmp_path / "scene.toml").numerics == Numerics.preset("draft")
+
+
+def test_import_labels(tmp_path: Path) -> None:
+    labels = np.zeros((30, 20, 20), np.uint8)
+    labels[3:12, 5:15, 5:15], labels[12:21, 5:15, 5:15] = 1, 2
+    np.save(tmp_path / "pair.npy", labels)
+    result = CliRunner().invoke(
+        app,
+        ["import-labels", str(tmp_path / "pair.npy"), "-o", str(tmp_path / "scene"), "--spacing",
+         "0.5", "0.5", "0.5", "--active", "cell2", "--shell", "--sigma", "0.5"],
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "2 cells, 1 of them frozen: cell1, cell2" in result.output
+    scene = load_scene(tmp_path / "scene" / "scene.toml")
+    assert [cell.frozen for cell in scene.cells] == [True, False]
+    assert scene.confinement is not None
+    assert scene.physics.attraction.default == 0.5

@@ -11,15 +11,15 @@ import tifffile
 import xarray as xr
 
 from morphosim.confinement import EllipsoidShell, MaskWalls
-from morphosim.labelfile import read_labels
-from morphosim.labelimage import LabelImage, SegmentationWarning
 from morphosim.labels import label_image
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.relaxation import relaxed
 from morphosim.scene import Scene
 from morphosim.scenefile import load_scene, save_scene
-from morphosim.segmentation import import_labels
+from morphosim.segmentation.labelfile import read_labels
+from morphosim.segmentation.labelimage import LabelImage, SegmentationWarning
+from morphosim.segmentation.scene import import_labels
 from morphosim.simulation import Simulation
 
 LABELS = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
@@ -265,7 +265,7 @@ def centroid(scene: Scene, k: int) -> np.ndarray:
 
 
 def test_blocks_become_cells() -> None:
-    scene = import_labels(blocks(*TWO))
+    scene = import_labels(blocks(*TWO), volumes="voxels")
     assert scene.names == ["cell3", "cell4"]
     assert [cell.target_volume(0) for cell in scene.cells] == [6 * 8 * 8 / 8] * 2
     assert not any(cell.frozen for cell in scene.cells)
@@ -283,7 +283,7 @@ def ball(radius: float) -> Any:
 @pytest.mark.parametrize("spacing", [0.5, (0.25, 0.25, 1.0), (0.2, 0.2, 0.6), (0.3, 0.4, 2.0)])
 def test_any_voxels_become_cubes(spacing: Any) -> None:
     image = photographed(spacing, ball(6.0), reach=8.0)
-    cell = import_labels(image).cells[0]
+    cell = import_labels(image, volumes="voxels").cells[0]
     voxels = np.count_nonzero(image.labels) * image.voxel
     assert cell.target_volume(0) == pytest.approx(voxels)
     assert cell.shape.volume == pytest.approx(voxels, rel=0.01)
@@ -296,7 +296,7 @@ def test_any_voxels_become_cubes(spacing: Any) -> None:
 def test_volume_of_the_surface() -> None:
     image = photographed(0.25, ball(4.0), reach=6.0)
     physics = Physics(c=3.0)
-    cell = import_labels(image, physics=physics, volumes="surface").cells[0]
+    cell = import_labels(image, physics=physics).cells[0]
     depth = 4.0 - np.linalg.norm(np.indices((41,) * 3) * 0.3 - 6.0, axis=0)
     exact = 0.5 * (1 + np.tanh(physics.interface_scale * depth)).sum() * 0.3**3
     assert cell.target_volume(0) == pytest.approx(exact, rel=0.01)
@@ -334,7 +334,7 @@ def test_table(tmp_path: Path) -> None:
         "\ufeffLabel;name;type;volume;gamma;frozen;parent\n4;E;endo;50.5;0.3;yes;EMS\n\n3;MS;;;;;\n",
         encoding="utf-8",
     )
-    ms, e = import_labels(blocks(*TWO), names=path).cells
+    ms, e = import_labels(blocks(*TWO), names=path, volumes="voxels").cells
     assert (ms.name, ms.type, ms.gamma, ms.frozen) == ("MS", "", None, False)
     assert ms.target_volume(0) == 48
     assert (e.name, e.type, e.gamma, e.frozen) == ("E", "endo", 0.3, True)
@@ -413,7 +413,7 @@ def test_loose_voxels_are_left_out() -> None:
     image.labels[0, 0, 0] = 3  # so far out that it is at the border
     image.labels[10, 14, 14] = 3  # shares a corner with the block
     with pytest.warns(SegmentationWarning, match=r"left out: 3 \(1\)"):
-        scene = import_labels(image)
+        scene = import_labels(image, volumes="voxels")
     assert scene.cells[0].target_volume(0) == (6 * 8 * 8 + 1) / 8
     assert scene.cells[0].shape.bounds()[0].min() > 1
 
@@ -494,7 +494,8 @@ def test_shapes_come_through(spacing: Any, volumes: str, least: float) -> None:
 
 
 def test_only_the_region_of_interest_moves(tmp_path: Path) -> None:
-    scene = import_labels(photographed(), active=[3], physics=Physics(sigma=0.5))
+    physics = Physics(sigma=0.5)
+    scene = import_labels(photographed(), active=[3], physics=physics, confinement=SHELL)
     save_scene(scene, tmp_path / "scene.toml")
     simulation = Simulation(load_scene(tmp_path / "scene.toml"))
     before = simulation.centroids
@@ -505,7 +506,7 @@ def test_only_the_region_of_interest_moves(tmp_path: Path) -> None:
 
 
 def test_a_relaxed_scene_starts_from_what_a_free_one_becomes() -> None:
-    options = {"volumes": "surface", "physics": Physics(sigma=0.5), "confinement": SHELL}
+    options = {"physics": Physics(sigma=0.5), "confinement": SHELL}
     free = Simulation(import_labels(photographed(), **options))
     free.run(until=10)
     scene = import_labels(photographed(), active=[3], **options)
@@ -517,7 +518,7 @@ def test_a_relaxed_scene_starts_from_what_a_free_one_becomes() -> None:
 
 
 def test_frozen_neighbours_push_less_when_relaxed() -> None:
-    options = {"volumes": "surface", "physics": Physics(sigma=0.5), "confinement": SHELL}
+    options = {"physics": Physics(sigma=0.5), "confinement": SHELL}
     rough = import_labels(photographed(), active=[3], **options)
     free, smooth = relaxed(import_labels(photographed(), **options)), relaxed(rough)
     ends = []

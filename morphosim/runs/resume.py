@@ -5,13 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from morphosim import _validate
 from morphosim.runs.fields import load_fields, time_index
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
-from morphosim.scene import Cell, Scene
+from morphosim.scene import Scene
 from morphosim.scenefile import load_scene, settings
-from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
 
 
@@ -88,14 +86,9 @@ def branched_scene(directory: Path, scene: Scene | None, time: float | None) -> 
     """
     own = saved_scene(directory) if scene is None else scene
     with open_run(directory) as run:
-        fields = {f.name: f for f in load_fields(run, time_index(run, time))}
+        fields = load_fields(run, time_index(run, time))
         spacing = float(run.attrs["spacing_um"])
     if scene is None:
-        own = replace(own, cells=[cell for cell in own.cells if cell.name in fields])
-    cells: list[Cell] = []
-    for cell in own.cells:
-        _validate.choice(f"cell of scene {own.name!r} in the run {directory}", cell.name, fields)
-        field = fields[cell.name]
-        shape = Field(phi=field.phi, origin=field.origin * spacing, spacing=spacing)
-        cells.append(replace(cell, shape=shape, volume=cell.volume or cell.shape.volume))
-    return replace(own, cells=cells)
+        alive = {field.name for field in fields}
+        own = replace(own, cells=[cell for cell in own.cells if cell.name in alive])
+    return own.with_fields(fields, spacing)

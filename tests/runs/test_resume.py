@@ -225,7 +225,7 @@ def test_a_branch_on_another_lattice(tmp_path: Path) -> None:
 def test_a_cell_that_the_run_does_not_have(tmp_path: Path) -> None:
     run(scene(), tmp_path, until=0)
     cells = [*scene().cells, Cell(name="d", shape=Sphere(center=(20, 0, 0), radius=3))]
-    with pytest.raises(ValueError, match=r"cell of scene 'scene' in the run .*'d' is not known"):
+    with pytest.raises(ValueError, match=r"field of a cell of scene 'scene' = 'd' is not known"):
         Simulation.from_run(tmp_path, scene=scene(cells=cells))
 
 

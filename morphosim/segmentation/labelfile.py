@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
 from morphosim._files import check_file, guarded, listed
-from morphosim.labelimage import LabelImage
+from morphosim.segmentation.labelimage import LabelImage
 
 TIME_NAMES = ("t", "time")
 MICROMETRES = {

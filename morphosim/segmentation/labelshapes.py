@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.confinement import MaskWalls
-from morphosim.labelimage import LabelImage, Piece
+from morphosim.segmentation.labelimage import LabelImage, Piece
 
 Floats = NDArray[np.float64]
 

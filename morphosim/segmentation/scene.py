@@ -9,19 +9,19 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
-from morphosim.celltable import read_cells
 from morphosim.confinement import Confinement
 from morphosim.initial import LEAST_POINTS
-from morphosim.labelfile import read_labels
-from morphosim.labelimage import LabelImage, Piece, SegmentationWarning, pieces_of
-from morphosim.labelshapes import resampled, walls_around
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.scene import Cell, Scene
+from morphosim.segmentation.celltable import read_cells
+from morphosim.segmentation.labelfile import read_labels
+from morphosim.segmentation.labelimage import LabelImage, Piece, SegmentationWarning, pieces_of
+from morphosim.segmentation.labelshapes import resampled, walls_around
 from morphosim.shapes import Mask
 from morphosim.stability import least_S
 
-VOLUMES = ("voxels", "surface")
+VOLUMES = ("surface", "voxels")
 LEAST_SMOOTHING = 2.0
 """Default smoothing of a mask is this many µm, and at least two of the image's coarsest steps.
 
@@ -48,7 +48,7 @@ def import_labels(
     confinement: Confinement | str | None = None,
     physics: Physics | None = None,
     numerics: Numerics | None = None,
-    volumes: str = "voxels",
+    volumes: str = "surface",
     smoothing: float | None = None,
     least_voxels: int | None = None,
     name: str | None = None,
@@ -78,11 +78,11 @@ def import_labels(
     physics, numerics : optional
         See `Scene`. The walls of confinement = "image" are stepped: the default S is then what
         they need (14 with the default physics).
-    volumes : {"voxels", "surface"}
-        Target volume, where the table has none: the volume of the label's voxels, as the published
-        program has it; or the ∫ φ of a ball whose φ = 1/2 surface encloses that, which is more by
-        π² / (2 c R²): 3 % at R = 9 µm, 15 % at 4 µm. With "voxels" small cells come out smaller
-        than they were measured. Cells start from the same volume.
+    volumes : {"surface", "voxels"}
+        Target volume, where the table has none: the ∫ φ of a ball whose φ = 1/2 surface encloses
+        the label's voxels, which is more than these by π² / (2 c R²), 3 % at R = 9 µm and 15 % at
+        4 µm; or the voxels' volume, as the published program has it, with which cells come out
+        smaller than they were measured. Cells start from the same volume.
     smoothing : float, optional
         See `Mask`; by default 2 µm, and at least two of the image's coarsest steps.
     least_voxels : int, optional
