@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from morphosim._files import replacing
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
@@ -58,8 +60,9 @@ def _write(run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
                 done += variable.size
                 continue
             packed = variable.encoding.get("dtype") == "int16"
-            kind = variable.dtype if name == "phi" else ALL[str(name)].kind
-            created = create(file, str(name), ALL[str(name)], variable.shape, kind, packed)
+            stored = np.dtype(np.int16) if packed else variable.dtype
+            kind = stored if name == "phi" else ALL[str(name)].kind
+            created = create(file, str(name), ALL[str(name)], variable.shape, kind)
             for first in range(0, len(variable), BLOCK):
                 values = variable[first : first + BLOCK].values
                 created[first : first + BLOCK] = pack_phi(values) if packed else values

@@ -78,7 +78,7 @@ def _write(
     if not dense:
         _fill(file.createGroup("contacts"), CONTACT_LIST, _pairs(measured))
     if fields != "none":
-        _fill(file.createGroup("fields"), FIELDS, _fields(simulation), packed=fields == "packed")
+        _fill(file.createGroup("fields"), FIELDS, _fields(simulation, fields == "packed"))
     if labels:
         _fill(file.createGroup("labels"), LABEL_IMAGE, _labels(simulation))
 
@@ -176,16 +176,20 @@ def _pairs(measured: "Measurement") -> Values:
     }
 
 
-def _fields(simulation: "Simulation") -> Values:
-    pool = simulation.engine.pool
-    count = len(pool)
+def _fields(simulation: "Simulation", packed: bool) -> Values:
+    pool, kind = simulation.engine.pool, np.int16 if packed else simulation.engine.dtype
+    sizes = pool.sizes()
+    phi, ends = np.empty(sizes.sum(), kind), np.cumsum(sizes)
+    for i, (size, end) in enumerate(zip(sizes.tolist(), ends.tolist(), strict=True)):
+        box = pool.box(i).ravel()
+        phi[end - size : end] = pack_phi(box) if packed else box
     return {
-        "row_size": pool.sizes(),
-        "box_time": np.zeros(count, np.int32),
-        "box_cell": np.arange(count),
+        "row_size": sizes,
+        "box_time": np.zeros(len(pool), np.int32),
+        "box_cell": np.arange(len(pool)),
         "box_origin": pool.origin,
         "box_shape": pool.shape,
-        "phi": np.concatenate([pool.box(i).ravel() for i in range(count)]),
+        "phi": phi,
     }
 
 
@@ -200,31 +204,21 @@ def _labels(simulation: "Simulation") -> Values:
     }
 
 
-def _fill(
-    group: Any, variables: Mapping[str, Variable], values: Values, packed: bool = False
-) -> None:
+def _fill(group: Any, variables: Mapping[str, Variable], values: Values) -> None:
     """Write those variables of a group that have values, with their dimensions."""
     for name, given in values.items():
         value = np.asarray(given)
-        kind = value.dtype if name == "phi" else variables[name].kind
-        if kind is str:
+        if variables[name].kind is str:
             write_texts(group, name, variables[name], value)
-            continue
-        created = create(group, name, variables[name], value.shape, kind, packed)
-        created[:] = pack_phi(value) if packed and name == "phi" else value
+        else:
+            kind = value.dtype if name == "phi" else variables[name].kind
+            create(group, name, variables[name], value.shape, kind)[:] = value
 
 
-def create(
-    group: Any,
-    name: str,
-    variable: Variable,
-    shape: tuple[int, ...],
-    kind: Any,
-    packed: bool = False,
-) -> Any:
+def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], kind: Any) -> Any:
     """Add one variable to a netCDF group, compressed where that pays; values are written raw.
 
-    With `packed` the phase field takes the values of `pack_phi`.
+    A phase field of whole numbers takes the values of `pack_phi`.
     """
     _require(group, variable.dims, shape)
     options: dict[str, Any] = {}
@@ -232,8 +226,8 @@ def create(
         chunks = [min(n, CHUNK) for n in shape]
         options = {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
     attributes: dict[str, Any] = dict(variable.attributes)
-    if packed and name == "phi":
-        kind, attributes["scale_factor"] = "i2", np.float32(PHI_STEP)
+    if name == "phi" and np.dtype(kind).kind == "i":
+        attributes["scale_factor"] = np.float32(PHI_STEP)
     created = group.createVariable(name, kind, variable.dims, **options)
     created.set_auto_maskandscale(False)
     created.setncatts(attributes)

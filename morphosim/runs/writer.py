@@ -3,7 +3,6 @@
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +73,6 @@ class RunWriter:
         if not resume:
             self._check_free()
         self._make_folder()
-        self._lock: Any = None
 
     @property
     def directory(self) -> Path:
@@ -84,28 +82,18 @@ class RunWriter:
     def start(self, simulation: Simulation) -> None:
         """Lock the directory, write the scene, and save the start."""
         self._lock = self.files.locked()
+        self._other = ThreadPoolExecutor(1)
         try:
-            if self.resume:
-                self._check_fits(simulation)
-            else:
-                self._check_free()
-            self.files.tidy()
-            self._number = self.files.last
-            self._saved = simulation.engine.steps if self.files.saves else -1
-            self._since = _Since(simulation)
-            if not self.resume:
-                self._write_scene(simulation)
-            self._plan(simulation)
-            self._save(simulation)
+            self._begin(simulation)
         except BaseException:
-            self._lock.release()
+            self._close()
             raise
 
     def after_step(self, simulation: Simulation) -> None:
         """Save if a save is due."""
         steps = simulation.engine.steps
         if steps == self._measured_from:
-            self._since = _Since(simulation)
+            self._since = _Since(simulation, simulation.centroids)
         if steps >= self._due:
             self._save(simulation)
             self._plan(simulation)
@@ -116,7 +104,25 @@ class RunWriter:
             if simulation.engine.whole:
                 self._save(simulation)
         finally:
-            self._lock.release()
+            self._close()
+
+    def _begin(self, simulation: Simulation) -> None:
+        if self.resume:
+            self._check_fits(simulation)
+        else:
+            self._check_free()
+        self.files.tidy()
+        self._number = self.files.last
+        self._saved = simulation.engine.steps if self.files.saves else -1
+        self._since = _Since(simulation, simulation.centroids)
+        if not self.resume:
+            self._write_scene(simulation)
+        self._plan(simulation)
+        self._save(simulation)
+
+    def _close(self) -> None:
+        self._other.shutdown()
+        self._lock.release()
 
     def _make_folder(self) -> None:
         try:
@@ -166,17 +172,18 @@ class RunWriter:
         if simulation.engine.steps == self._saved:
             return
         number = self._number + 1
-        measured, speeds = _measured(simulation), self._since.speeds(simulation)
+        measured = _measured(simulation)
+        speeds = self._since.speeds(simulation, measured.centroid)
+        state = self._other.submit(simulation.snapshot().write, self.files.restart(number))
         try:
-            with ThreadPoolExecutor(1) as other, replacing(self.files.save(number)) as partial:
-                state = other.submit(simulation.snapshot().write, self.files.restart(number))
+            with replacing(self.files.save(number)) as partial:
                 write_save(partial, simulation, measured, speeds, self.fields, self.labels)
                 state.result()  # a save appears after its state
-            self.files.restart(self._number).unlink(missing_ok=True)
         except OSError as error:
             raise self._error(simulation, error) from error
+        self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.engine.steps
-        self._since = _Since(simulation)
+        self._since = _Since(simulation, measured.centroid)
 
     def _error(self, simulation: Simulation, error: OSError) -> SaveError:
         message = (
@@ -190,16 +197,16 @@ class RunWriter:
 class _Since:
     """Where the cells were at some step, to measure their speed from."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, centroids: NDArray[np.float64]) -> None:
         self.time = simulation.time
-        self.centroids = dict(zip(simulation.names, simulation.centroids, strict=True))
+        self.centroids = dict(zip(simulation.names, centroids, strict=True))
 
-    def speeds(self, simulation: Simulation) -> NDArray[np.float64]:
+    def speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) mean speed of each cell since then, µm per time; NaN where there is none."""
         nowhere = np.full(3, np.nan)
         before = np.array([self.centroids.get(name, nowhere) for name in simulation.names])
         span = simulation.time - self.time
-        moved = np.linalg.norm(simulation.centroids - before, axis=1)
+        moved = np.linalg.norm(centroids - before, axis=1)
         return np.asarray(moved / span if span > 0 else np.full(len(moved), np.nan))
 
 
