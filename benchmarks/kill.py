@@ -71,7 +71,7 @@ def same_saves(a: Path, b: Path) -> bool:
 
 def main() -> None:
     """Kill, open and go on; report."""
-    options = arguments(__doc__, kills=40, scene="celegans-8", until=1000.0, every=2.0, seed=0)
+    options = arguments(__doc__, kills=40, scene="celegans-8", until=2400.0, every=2.0, seed=0)
     chance = random.Random(options.seed)
     with tempfile.TemporaryDirectory() as place:
         whole, parts = Path(place) / "whole", Path(place) / "parts"

@@ -55,9 +55,12 @@ def write_save(
     try:
         with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
             _write(file, simulation, measured, speeds, fields, labels)
-    except RuntimeError as error:  # HDF5 does not say what the system told it
+    except (RuntimeError, OSError) as error:  # they do not say what the system told HDF5
         free = shutil.disk_usage(path.parent).free
-        message = f"{error} (is the disk full? {free / 1e6:.1f} MB are free)"
+        what = getattr(error, "strerror", None) or error
+        message = (
+            f"the netCDF library reports {str(what)!r}, and {free / 1e6:.1f} MB are free there"
+        )
         raise OSError(message) from error
 
 

@@ -81,6 +81,7 @@ class RunWriter:
 
     def start(self, simulation: Simulation) -> None:
         """Lock the directory, write the scene, and save the start."""
+        self._failed = False
         self._lock = self.files.locked()
         self._other = ThreadPoolExecutor(1)
         try:
@@ -99,9 +100,9 @@ class RunWriter:
             self._plan(simulation)
 
     def finish(self, simulation: Simulation) -> None:
-        """Save the last state, unless a step was broken off, and unlock the directory."""
+        """Save the last state, unless a step or a save has failed, and unlock the directory."""
         try:
-            if simulation.engine.whole:
+            if simulation.engine.whole and not self._failed:
                 self._save(simulation)
         finally:
             self._close()
@@ -180,6 +181,7 @@ class RunWriter:
                 write_save(partial, simulation, measured, speeds, self.fields, self.labels)
                 state.result()  # a save appears after its state
         except OSError as error:
+            self._failed = True
             raise self._error(simulation, error) from error
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.engine.steps
