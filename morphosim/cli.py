@@ -163,7 +163,7 @@ def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
         status = INTERRUPTED
     except SaveError as error:
         typer.echo(f"error: {error}", err=True)
-        status = RUN_ERROR
+        raise typer.Exit(RUN_ERROR) from error
     except SimulationError as error:
         typer.echo(f"error: {error}. The last state is saved", err=True)
         status = RUN_ERROR

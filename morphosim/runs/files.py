@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from morphosim._files import PARTIAL
+from morphosim.errors import SaveError
 
 SCENE = "scene.toml"
 LOCK = "lock"
@@ -54,6 +55,8 @@ class RunDirectory:
         ------
         FileExistsError
             Another process, or another writer of this one, is writing a run here.
+        SaveError
+            The directory cannot be written to.
         """
         from filelock import FileLock, Timeout
 
@@ -66,4 +69,10 @@ class RunDirectory:
                 "another directory"
             )
             raise FileExistsError(message) from error
+        except OSError as error:
+            message = (
+                f"cannot write to the directory {self.path}: {error.strerror or error}; take "
+                "another one"
+            )
+            raise SaveError(message) from error
         return lock
