@@ -44,9 +44,10 @@ class RunDirectory:
     def tidy(self) -> None:
         """Delete what a process that was killed has left half written, and old states."""
         keep = self.restart(self.last)
-        for file in [*self.path.glob(f"*{PARTIAL}"), *self.path.glob("restart-*.npz")]:
-            if file != keep:
-                file.unlink(missing_ok=True)
+        for pattern in ("restart-*.npz", *(f"{name}-*{PARTIAL}" for name in ("save", "restart"))):
+            for file in self.path.glob(pattern):
+                if file != keep:
+                    file.unlink(missing_ok=True)
 
     def locked(self) -> Any:
         """Lock on the directory, held by this process until it is released or the process ends.
