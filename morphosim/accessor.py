@@ -14,19 +14,15 @@ from xarray.core.indexing import LazilyIndexedArray
 from morphosim import _validate
 from morphosim.fields import CellField
 from morphosim.labels import label_image
-from morphosim.lazyfields import (
-    FullFields,
+from morphosim.lazyfields import FullFields, axes, block, contacts, read_labels, stored_image
+from morphosim.runs.fields import (
     SavedBoxes,
-    axes,
-    block,
-    contacts,
-    read_labels,
+    load_fields,
     saved_boxes,
     spacing,
-    stored_image,
+    time_index,
     variable,
 )
-from morphosim.runs.fields import load_fields, time_index
 from morphosim.surfaces import SURFACE, Surface, cell_surface
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from threadpoolctl import ThreadpoolController
 from morphosim.boxes import BoxPool, morton_order
 from morphosim.columns import Background, ColumnCover
 from morphosim.confinement import Confinement
+from morphosim.fields import CellField
 from morphosim.interactions import Interactions
 from morphosim.kernels import step as kernels
 from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE, N_SURVEYED, TOTAL
@@ -58,6 +59,7 @@ class Engine:
     gamma : (N,) surface tensions
     frozen : (N,) bool, cells that act on others and are not stepped
     fields : per cell, lattice origin and start field
+    parents : names of the N cells' mothers, "" where there is none
 
     Attributes
     ----------
@@ -85,13 +87,16 @@ class Engine:
         gamma: NDArray[np.float64],
         frozen: NDArray[np.bool_],
         fields: Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]],
+        parents: Sequence[str] | None = None,
     ) -> None:
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
         self.dtype = np.dtype(DTYPES[numerics.precision])
         self.workers = _checked_threads(numerics.worker_count)
         self.names, self.types = list(names), list(types)
+        self.parents = [""] * len(self.names) if parents is None else list(parents)
         self.gamma, self.frozen = np.asarray(gamma, float), np.asarray(frozen, bool)
         self.ids = np.arange(len(self.names), dtype=np.uint64)
+        self._next_id = len(self.names)
         self.steps = 0
         self.fresh = True
         self.whole = True
@@ -170,7 +175,10 @@ class Engine:
 
     def contents(self) -> dict[str, NDArray]:
         """Copies of all arrays that the next step depends on; see `restore`."""
-        return self.pool.contents() | {"ids": self.ids.copy(), "face_peak": self.face_peak.copy()}
+        return self.pool.contents() | {
+            "ids": self.ids.copy(), "face_peak": self.face_peak.copy(),
+            "next_id": np.array(self._next_id),
+        }  # fmt: skip
 
     def restore(self, contents: Mapping[str, NDArray], steps: int, fresh: bool) -> None:
         """Go back to what `contents` gave, of an engine of the same cells, physics and numerics.
@@ -179,6 +187,7 @@ class Engine:
         """
         self.pool.restore(contents)
         self.ids, self.face_peak = np.array(contents["ids"]), np.array(contents["face_peak"])
+        self._next_id = int(contents["next_id"])
         self.steps, self.fresh = steps, fresh
         self._relist()
 
@@ -192,17 +201,54 @@ class Engine:
 
     def remove(self, i: int) -> None:
         """Take cell i out; the others keep their history."""
+        self._drop(i)
+        self._relist()
+
+    def divide(
+        self, i: int, names: tuple[str, str], types: tuple[str, str], halves: Sequence[CellField]
+    ) -> None:
+        """Replace cell i by two, which come last; the next step is of first order."""
+        mother, gamma, frozen = self.names[i], self.gamma[i], self.frozen[i]
+        self._drop(i)
+        self.pool.add((half.origin, half.phi) for half in halves)
+        kept = self.pool.surveys[-2:, TOTAL]
+        self.pool.lost[-2:] = [half.phi.sum(dtype=float) for half in halves] - kept
+        self.names += names
+        self.types += types
+        self.parents += [mother, mother]
+        self.gamma = np.append(self.gamma, [gamma, gamma])
+        self.frozen = np.append(self.frozen, [frozen, frozen])
+        self.ids = np.append(self.ids, np.arange(2, dtype=np.uint64) + np.uint64(self._next_id))
+        self.face_peak = np.append(self.face_peak, self.pool.surveys[-2:, EDGE])
+        self._next_id += 2
+        self.restart()
+
+    def describe(
+        self, physics: Physics, types: Sequence[str], gamma: NDArray[np.float64],
+        frozen: NDArray[np.bool_],
+    ) -> None:  # fmt: skip
+        """Take other parameters; they hold from the next `restart` or `restore` on."""
+        self.physics, self.types = physics, list(types)
+        self.gamma, self.frozen = np.asarray(gamma, float), np.asarray(frozen, bool)
+
+    def restart(self) -> None:
+        """Forget the history: the next step is of first order (Eq. 8)."""
+        self.fresh = True
+        if self.pool.history is not None:
+            self.pool.history[:] = 0
+        self._relist()
+
+    def _drop(self, i: int) -> None:
         self.pool.remove(i)
-        del self.names[i], self.types[i]
+        del self.names[i], self.types[i], self.parents[i]
         for name in ("gamma", "frozen", "ids", "face_peak"):
             setattr(self, name, np.delete(getattr(self, name), i))
-        self._relist()
 
     def _relist(self) -> None:
         """Set up all that depends on which cells there are."""
         physics, numerics, n = self.physics, self.numerics, len(self)
         self._interactions = Interactions(
-            physics.attraction, physics.g, self.names, self.types, self.dtype
+            physics.attraction, physics.g, self.names, self.types, self.dtype, self.parents
         )
         walls = self.confinement is not None and physics.g_e > 0
         acts = physics.g > 0 or self._interactions.attracts

@@ -1,7 +1,6 @@
 """Parts of a run, read from its Dataset: only what is asked for comes from disk."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,124 +9,7 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from morphosim.fields import CellField
-
-SELECTION = (
-    "the Dataset is a selection of a run, so that it is not known which field or contact belongs "
-    "to which of its cells and times; take "
-    "ds.morpho of the whole run, and select by cell, by time, or in the result"
-)
-
-
-def variable(run: xr.Dataset, name: str, *dimensions: str) -> xr.DataArray:
-    """Variable of a run.
-
-    Raises
-    ------
-    ValueError
-        The Dataset has no such variable of these dimensions.
-    """
-    if name not in run or run[name].dims != dimensions:
-        has = (
-            f"it is of ({', '.join(map(str, run[name].dims))})" if name in run else "it is missing"
-        )
-        message = (
-            f"the Dataset has no variable {name!r} of ({', '.join(dimensions)}): {has}; "
-            "open the run with morphosim.open_run and leave its dimensions as they are"
-        )
-        raise ValueError(message)
-    return run[name]
-
-
-def spacing(run: xr.Dataset) -> float:
-    """Lattice spacing in µm; ValueError if the Dataset does not have it."""
-    if "spacing_um" not in run.attrs:
-        message = "the Dataset has no attribute 'spacing_um'; open the run with morphosim.open_run"
-        raise ValueError(message)
-    return float(run.attrs["spacing_um"])
-
-
-@dataclass(frozen=True, slots=True)
-class SavedBoxes:
-    """Boxes of the cells of one save, whose fields are on disk.
-
-    Attributes
-    ----------
-    cell : (B,) int
-        Places in `run.cell`.
-    origin, shape : (B, 3) int64
-    start : (B + 1,) int64
-        Places in `phi` of the first values of each box.
-    phi : (sample,) DataArray
-    """
-
-    cell: NDArray[np.int64]
-    origin: NDArray[np.int64]
-    shape: NDArray[np.int64]
-    start: NDArray[np.int64]
-    phi: xr.DataArray
-
-    @property
-    def low(self) -> NDArray[np.int64]:
-        """First lattice point of the block around all boxes."""
-        return np.asarray(self.origin.min(axis=0))
-
-    @property
-    def extent(self) -> NDArray[np.int64]:
-        """Points per axis of the block around all boxes."""
-        return np.asarray((self.origin + self.shape).max(axis=0) - self.low)
-
-    def read(self, box: int) -> NDArray:
-        """Read φ of one box."""
-        values = self.phi.isel(sample=slice(self.start[box], self.start[box + 1])).values
-        return np.asarray(values.reshape(self.shape[box]))
-
-
-def saved_boxes(run: xr.Dataset, save: int) -> SavedBoxes:
-    """Find the boxes of one save, without reading fields.
-
-    Raises
-    ------
-    ValueError
-        A variable is missing, the save has no fields, or the Dataset is a selection of a run.
-    """
-    if "phi" not in run:
-        message = "the run has no fields ('phi' is missing): it was saved without"
-        raise ValueError(message)
-    saves = variable(run, "box_time", "box").values
-    _check_saves(run, saves)
-    first, stop = np.searchsorted(saves, (save, save + 1))
-    if first == stop:
-        message = f"the save at t = {float(run['time'][save]):g} was made without fields"
-        raise ValueError(message)
-    sizes = variable(run, "row_size", "box").values
-    box = slice(first, stop)
-    cell = variable(run, "box_cell", "box")[box].values
-    boxes = SavedBoxes(
-        cell,
-        variable(run, "box_origin", "box", "axis")[box].values.astype(np.int64),
-        variable(run, "box_shape", "box", "axis")[box].values.astype(np.int64),
-        np.append(0, np.cumsum(sizes[box], dtype=np.int64)) + sizes[:first].sum(dtype=np.int64),
-        variable(run, "phi", "sample"),
-    )
-    _check_cells(run, save, boxes)
-    return boxes
-
-
-def _check_saves(run: xr.Dataset, saves: NDArray[np.int64]) -> None:
-    """Raise if indices into time cannot be meant for this Dataset."""
-    times = variable(run, "time", "time").values
-    if saves.max(initial=-1) >= len(times) or (np.diff(times) <= 0).any():
-        raise ValueError(SELECTION)
-
-
-def _check_cells(run: xr.Dataset, save: int, boxes: SavedBoxes) -> None:
-    """Raise unless every box is where the table says that the box of its cell is."""
-    if boxes.cell.max() >= run.sizes["cell"]:
-        raise ValueError(SELECTION)
-    low = variable(run, "box_low", "time", "cell", "axis")[save].values[boxes.cell]
-    if not (np.abs(low / spacing(run) - boxes.origin) < 0.5).all():
-        raise ValueError(SELECTION)
+from morphosim.runs.fields import SELECTION, SavedBoxes, check_saves, saved_boxes, variable
 
 
 def axes(low: Iterable[int], shape: Iterable[int], spacing: float) -> dict[str, xr.Variable]:
@@ -142,20 +24,12 @@ def axes(low: Iterable[int], shape: Iterable[int], spacing: float) -> dict[str, 
     }
 
 
-def cell_fields(run: xr.Dataset, save: int) -> Iterator[CellField]:
-    """Fields of all cells of a save, read one after the other."""
-    names = variable(run, "cell", "cell").values
-    boxes = saved_boxes(run, save)
-    for box, cell in enumerate(boxes.cell):
-        yield CellField(str(names[cell]), boxes.origin[box], boxes.read(box))
-
-
 def stored_image(run: xr.Dataset, save: int) -> int | None:
     """Place along `image` of the label image that the run holds of a save, if it does."""
     if "label" not in run:
         return None
     saves = variable(run, "label_time", "image").values
-    _check_saves(run, saves)
+    check_saves(run, saves)
     found = np.flatnonzero(saves == save)
     return int(found[0]) if found.size else None
 
@@ -200,7 +74,7 @@ def contacts(run: xr.Dataset, save: int) -> list[tuple[str, str, float]]:
         variable(run, f"contact_{name}", "contact").values
         for name in ("time", "cell", "neighbour", "pair_area")
     )
-    _check_saves(run, saves)
+    check_saves(run, saves)
     if max(i.max(initial=-1), j.max(initial=-1)) >= len(names):
         raise ValueError(SELECTION)
     now = saves == save

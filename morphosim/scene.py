@@ -13,6 +13,7 @@ from morphosim.fields import CellField
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.shapes import Field, PowerCell, Shape
+from morphosim.stages import Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
 SAVE_FIELDS = ("packed", "exact", "none")
@@ -127,6 +128,8 @@ class Scene:
         Whether each save also has a label image: which cell is where.
     on_vanish : {"stop", "remove", "ignore"}
         What happens when a cell is below 1/2 everywhere.
+    stages : sequence of Stage
+        A protocol: the run ends with the last stage, or at `duration`.
     name, description : str
 
     Raises
@@ -144,6 +147,7 @@ class Scene:
     save_fields: str = "packed"
     save_labels: bool = False
     on_vanish: str = "stop"
+    stages: Sequence[Stage] = ()
     name: str = "scene"
     description: str = ""
 
@@ -169,6 +173,9 @@ class Scene:
         _validate.choice("scene.save_fields", self.save_fields, SAVE_FIELDS)
         _validate.flag("scene.save_labels", self.save_labels)
         _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
+        object.__setattr__(self, "stages", tuple(self.stages))
+        for k, stage in enumerate(self.stages):
+            _validate.instance(f"scene.stages[{k}]", stage, Stage)
         self.physics.attraction.check_names(self.names, self.types)
 
     @property
@@ -180,6 +187,11 @@ class Scene:
     def types(self) -> list[str]:
         """Types of the cells, in order."""
         return [cell.type for cell in self.cells]
+
+    @property
+    def parents(self) -> list[str]:
+        """Names of the cells' mothers, in order; "" where they are not known."""
+        return [cell.parent for cell in self.cells]
 
     @property
     def tensions(self) -> list[float]:

@@ -20,6 +20,7 @@ from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.scene import Cell, Scene, VolumeCourse, power_cells
 from morphosim.shapes import Ellipsoid, Field, Mask, PowerCell, Sphere
+from morphosim.stagefile import stage_of, stage_table
 
 SHAPES: dict[str, type] = {"sphere": Sphere, "ellipsoid": Ellipsoid, "mask": Mask, "field": Field}
 CONFINEMENTS: dict[str, type] = {
@@ -32,7 +33,7 @@ _ARRAYS = ("mask", "phi", "inside")
 _SCALARS = (
     "name", "description", "duration", "save_every", "save_fields", "save_labels", "on_vanish",
 )  # fmt: skip
-_TABLES = ("physics", "numerics", "confinement", "cells")
+_TABLES = ("physics", "numerics", "confinement", "cells", "stages")
 
 
 def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:
@@ -99,10 +100,14 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     confinement = _confinement(table.get("confinement"), folder)
     shapes = _shapes(rows, confinement, folder)
     return Scene(
-        cells=[_cell(row, shape) for row, shape in zip(rows, shapes, strict=True)],
-        physics=_physics(table.get("physics", {}), [row.get("name") for row in rows]),
+        cells=[cell_of(row, shape) for row, shape in zip(rows, shapes, strict=True)],
+        physics=physics_of(table.get("physics", {}), [row.get("name") for row in rows]),
         numerics=_numerics(table.get("numerics", {})),
         confinement=confinement,
+        stages=[
+            stage_of(row, f"stages[{k}]", _physics_values)
+            for k, row in enumerate(table.get("stages", []))
+        ],
         **{key: table[key] for key in _SCALARS if key in table},
     )
 
@@ -130,7 +135,23 @@ def _numerics(table: Mapping[str, Any]) -> Numerics:
     return numerics
 
 
-def _physics(table: Mapping[str, Any], names: list[Any]) -> Physics:
+def _physics_values(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Keywords of `Physics` from those values that a table has."""
+    _validate.keys("physics of a stage", table, _names(Physics))
+    values = dict(table)
+    if "sigma" in values:
+        values["sigma"] = physics_of({"sigma": values["sigma"]}, []).attraction
+    return values
+
+
+def _physics_said(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of those values of `Physics`."""
+    table = physics_table(Physics(**values))
+    return {key: table[key] for key in values if key in table}
+
+
+def physics_of(table: Mapping[str, Any], names: list[Any]) -> Physics:
+    """Physics from what a scene file says; `names` are those of the cells."""
     _validate.keys("physics", table, _names(Physics))
     values = dict(table)
     sigma = values.get("sigma")
@@ -143,14 +164,14 @@ def _physics(table: Mapping[str, Any], names: list[Any]) -> Physics:
 def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
     """Attraction from a table.
 
-    It has a full `matrix` in the order of the cells, row j the pull of cell j; or a `default`, and
-    lists of [from, to, value] in `types` and `pairs`.
+    It has a full `matrix` in the order of the cells, row j the pull of cell j; or a `default`,
+    that of `sisters`, and lists of [from, to, value] in `types` and `pairs`.
     """
-    _validate.keys("physics.sigma", table, ("default", "types", "pairs", "matrix"))
+    _validate.keys("physics.sigma", table, ("default", "sisters", "types", "pairs", "matrix"))
     if "matrix" in table:
         _validate.keys("physics.sigma with a matrix", table, ("matrix",))
         return Attraction.from_matrix(names, table["matrix"])
-    values: dict[str, Any] = {"default": table.get("default", 0.0)}
+    values: dict[str, Any] = {k: table[k] for k in ("default", "sisters") if k in table}
     for key in ("types", "pairs"):
         values[key] = {}
         _validate.instance(f"physics.sigma.{key}", table.get(key, []), list)
@@ -260,7 +281,8 @@ def _kind(row: Mapping[str, Any]) -> Any:
     return shape.get("kind") if isinstance(shape, Mapping) else None
 
 
-def _cell(row: Mapping[str, Any], shape: Any) -> Cell:
+def cell_of(row: Mapping[str, Any], shape: Any) -> Cell:
+    """Cell from what a scene file says of it, and its shape."""
     values = dict(row) | {"shape": shape}
     if isinstance(row.get("volume"), Mapping):
         values["volume"] = _build(VolumeCourse, row["volume"], f"cell {row.get('name')!r}: volume")
@@ -294,6 +316,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     table["cells"] = [
         _cell_table(cell, arrays, archive, f"cell_{k}") for k, cell in enumerate(scene.cells)
     ]
+    if scene.stages:
+        table["stages"] = [stage_table(stage, _physics_said) for stage in scene.stages]
     if arrays:
         with replacing(path.with_name(archive)) as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
@@ -344,7 +368,10 @@ def physics_table(physics: Physics) -> dict[str, Any]:
     """Physics as a scene file says them."""
     sigma = physics.attraction
     table = _plain_table(physics)
-    table["sigma"] = {"default": sigma.default} | {
+    table["sigma"] = {"default": sigma.default}
+    if sigma.sisters is not None:
+        table["sigma"]["sisters"] = sigma.sisters
+    table["sigma"] |= {
         key: [[j, i, value] for (j, i), value in getattr(sigma, key).items()]
         for key in ("types", "pairs")
         if getattr(sigma, key)
@@ -381,22 +408,7 @@ def _cell_table(
     cell: Cell, arrays: dict[str, np.ndarray], archive: str, key: str
 ) -> dict[str, Any]:
     """Table of a cell; its array goes into `arrays` under `key`."""
-    table: dict[str, Any] = {"name": cell.name}
-    if cell.type:
-        table["type"] = cell.type
-    if cell.gamma is not None:
-        table["gamma"] = cell.gamma
-    if cell.frozen:
-        table["frozen"] = True
-    if cell.parent:
-        table["parent"] = cell.parent
-    if isinstance(cell.volume, VolumeCourse):
-        table["volume"] = _plain_table(cell.volume)
-    elif callable(cell.volume):
-        message = f"cell {cell.name!r}: a volume function cannot be written; use VolumeCourse"
-        raise ValueError(message)
-    else:
-        table["volume"] = cell.target_volume(0.0)
+    table = cell_values(cell)
     if isinstance(cell.shape, PowerCell):
         position = cell.shape.partition.points[cell.shape.cell]
         table["shape"] = {
@@ -404,4 +416,26 @@ def _cell_table(
         }  # fmt: skip
     else:
         table["shape"] = _typed_table(cell.shape, SHAPES, arrays, archive, key)
+    return table
+
+
+def cell_values(cell: Cell) -> dict[str, Any]:
+    """What a scene file says of a cell besides its shape.
+
+    Raises
+    ------
+    ValueError
+        The volume is a function that a file cannot say.
+    """
+    table: dict[str, Any] = {"name": cell.name}
+    for name in ("type", "gamma", "frozen", "parent"):
+        if value := getattr(cell, name):
+            table[name] = value
+    if isinstance(cell.volume, VolumeCourse):
+        table["volume"] = _plain_table(cell.volume)
+    elif callable(cell.volume):
+        message = f"cell {cell.name!r}: a volume function cannot be written; use VolumeCourse"
+        raise ValueError(message)
+    else:
+        table["volume"] = cell.target_volume(0.0)
     return table

@@ -1,23 +1,27 @@
 """A simulation: a scene on its way through time."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import InitVar, dataclass, field
+from dataclasses import InitVar, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate, stability
+from morphosim.division import divided
 from morphosim.engine import RUNAWAY, Engine
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
 from morphosim.fields import CellField
 from morphosim.initial import lattice_field
 from morphosim.interrupts import deferred_interrupts
 from morphosim.measure import centroids
-from morphosim.scene import Cell, Scene
-from morphosim.scenefile import settings
+from morphosim.physics import Physics
+from morphosim.protocol import Progress
+from morphosim.scene import Cell, Scene, VolumeCourse
+from morphosim.scenefile import cell_of, cell_values, physics_of, physics_table, settings
+from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
 
 OUTSIDE_ALLOWED = 0.5
@@ -87,20 +91,21 @@ class Simulation:
     removed: list[tuple[float, str]] = field(init=False, default_factory=list)
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
+    _progress: Progress = field(init=False)
 
     def __post_init__(self, state: Snapshot | None) -> None:
         scene = self.scene
         self.cells = list(scene.cells) if state is None else _alive(scene, state)
-        gamma = dict(zip(scene.names, scene.tensions, strict=True))
+        physics = scene.physics if state is None else physics_of(state.physics, self.names)
         self.engine = Engine(
-            scene.physics, scene.numerics, scene.confinement, self.names,
-            [c.type for c in self.cells], np.array([gamma[c.name] for c in self.cells]),
-            np.array([c.frozen for c in self.cells]),
+            physics, scene.numerics, scene.confinement, self.names, *self._described(physics),
             _start_fields(scene) if state is None else _saved_fields(state),
+            [c.parent for c in self.cells],
         )  # fmt: skip
+        self._progress = Progress(scene.stages)
         if state is not None:
-            self.engine.restore(state.arrays, state.steps, state.fresh)
-            self.stage, self.removed = state.stage, list(state.removed)
+            self._take_over(state)
+            self._progress.restore(state)
         stability.check(scene)
         self._set_targets()
 
@@ -141,17 +146,35 @@ class Simulation:
             return cls(*resume.saved_state(Path(directory)))
         return cls(resume.branched_scene(Path(directory), scene, time))
 
-    def snapshot(self) -> Snapshot:
-        """The whole present state."""
+    def snapshot(self, alone: bool = False) -> Snapshot:
+        """The whole present state; `alone`, without how far the stages are."""
+        progress = None if alone or not self.scene.stages else self._progress
+        arrays = self.engine.contents()
         return Snapshot(
-            names=tuple(self.names),
+            cells=tuple(_values(cell) for cell in self.cells),
+            physics=physics_table(self.physics),
             steps=self.engine.steps,
             fresh=self.engine.fresh,
             stage=self.stage,
             removed=tuple(self.removed),
             settings=settings(self.scene),
-            arrays=self.engine.contents(),
+            arrays=arrays if progress is None else arrays | {"check": progress.centroids},
+            progress=None if progress is None else progress.facts(),
+            back=None if progress is None else progress.back,
         )
+
+    def go_back(self, state: Snapshot) -> None:
+        """Return to an earlier state of this simulation."""
+        self.cells = _alive(self.scene, state)
+        physics = physics_of(state.physics, self.names)
+        self.engine.names, self.engine.parents = self.names, [c.parent for c in self.cells]
+        self.engine.describe(physics, *self._described(physics))
+        self._take_over(state)
+        self._set_targets()
+
+    def _take_over(self, state: Snapshot) -> None:
+        self.engine.restore(state.arrays, state.steps, state.fresh)
+        self.stage, self.removed = state.stage, list(state.removed)
 
     @property
     def time(self) -> float:
@@ -184,6 +207,124 @@ class Simulation:
         """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
         pool = self.engine.pool
         return centroids(pool.phi, pool.origin, pool.shape, pool.start, self.scene.numerics.spacing)
+
+    @property
+    def physics(self) -> Physics:
+        """The physics that hold now: those of the scene, as events have changed them."""
+        return self.engine.physics
+
+    def divide(
+        self,
+        cell: str,
+        daughters: tuple[str, str],
+        *,
+        axis: ArrayLike,
+        fraction: float = 0.5,
+        types: tuple[str, str] | None = None,
+        volumes: tuple[float, float] | None = None,
+    ) -> None:
+        """Divide a cell in its box; the next step is of first order.
+
+        Parameters
+        ----------
+        cell : str
+        daughters : names of the daughters
+        axis : (3,) from the second daughter to the first
+        fraction : float
+            Share of ∫ φ that the first daughter gets.
+        types : optional
+            By default the mother's.
+        volumes : optional
+            Target volumes in µm³; by default shares of what the mother's is now.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell, or one of a daughter's name.
+        """
+        i = self._place(cell)
+        for name in daughters:
+            if name in self.names and name != cell:
+                message = f"daughter {name!r} of {cell!r}: there is a cell of this name already"
+                raise ValueError(message)
+        mother, spacing = self.cells[i], self.scene.numerics.spacing
+        scale = self.physics.interface_scale
+        halves = divided(self.fields[i], spacing, axis, fraction, daughters, scale)
+        target = mother.target_volume(self.time)
+        shares = (fraction * target, (1 - fraction) * target) if volumes is None else volumes
+        kinds = (mother.type, mother.type) if types is None else types
+        self.engine.divide(i, daughters, kinds, halves)
+        self.cells[i : i + 1] = []
+        for half, kind, share in zip(halves, kinds, shares, strict=True):
+            shape = Field(phi=half.phi, origin=half.origin * spacing, spacing=spacing)
+            self.cells.append(
+                replace(
+                    mother, name=half.name, parent=cell, type=kind, volume=share, shape=shape
+                )
+            )  # fmt: skip
+        self._set_targets()
+
+    def remove(self, cells: Iterable[str]) -> None:
+        """Take cells out; the others keep their history. They are listed in `removed`.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell, or none would be left.
+        """
+        names = list(dict.fromkeys(cells))
+        if len(names) == len(self.cells):
+            message = f"all {len(names)} cells would be removed; at least one must stay"
+            raise ValueError(message)
+        for i in sorted((self._place(name) for name in names), reverse=True):
+            self._take_out(i)
+        self._set_targets()
+
+    def change_cells(self, cells: Iterable[str], **values: Any) -> None:
+        """Give cells other values of `Cell`: type, gamma, volume or frozen.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell or value.
+        """
+        _validate.keys("change of cells", values, ("type", "gamma", "volume", "frozen"))
+        places = [self._place(name) for name in cells]
+        for i in places:
+            self.cells[i] = replace(self.cells[i], **values)
+        if places:
+            self._apply_change(self.physics)
+
+    def change_physics(self, **values: Any) -> None:
+        """Give the physics other values, from the next step on.
+
+        Raises
+        ------
+        ValueError
+            A value is not allowed, or attraction names a cell or type that is not there.
+        """
+        _validate.keys("change of physics", values, [f.name for f in fields(Physics)])
+        self._apply_change(replace(self.physics, **values))
+
+    def _apply_change(self, physics: Physics) -> None:
+        self.engine.describe(physics, *self._described(physics))
+        self.engine.restart()
+        self._set_targets()
+
+    def _described(self, physics: Physics) -> tuple[list[str], NDArray, NDArray]:
+        """Types, surface tensions and which cells are frozen."""
+        frozen = np.array([cell.frozen for cell in self.cells])
+        return [cell.type for cell in self.cells], _tensions(self.cells, physics), frozen
+
+    def _place(self, cell: str) -> int:
+        """Place of a cell."""
+        _validate.choice("cell", cell, self.names)
+        return self.names.index(cell)
+
+    def _take_out(self, i: int) -> None:
+        self.removed.append((self.time, self.names[i]))
+        self.engine.remove(i)
+        del self.cells[i]
 
     def step(self, steps: int = 1) -> None:
         """Advance by a number of steps of δt.
@@ -220,15 +361,21 @@ class Simulation:
         end = self.scene.duration if until is None else _validate.number("until", until)
         last = int(np.ceil(end / self.scene.numerics.dt - 1e-9))
         started: list[Observer] = []
+        staged = bool(self.scene.stages)
         try:
             for observer in observers:
                 observer.start(self)
                 started.append(observer)
             with self.engine.limited_threads(), deferred_interrupts() as check_interrupt:
-                while self.engine.steps < last:
+                while self.engine.steps < last and not (staged and self._progress.done):
+                    self._progress.begin(self)
                     self._step()
-                    for observer in observers:
-                        observer.after_step(self)
+                    if staged and self._progress.after_step(self):
+                        for observer in observers:
+                            getattr(observer, "stage_ended", observer.after_step)(self)
+                    else:
+                        for observer in observers:
+                            observer.after_step(self)
                     check_interrupt()
         except SimulationError as error:
             self.error = str(error)
@@ -271,18 +418,37 @@ class Simulation:
             )
             raise CellVanishedError(message, time=self.time, cell=name)
         for i in vanished[::-1].tolist():
-            self.removed.append((self.time, self.names[i]))
-            self.engine.remove(i)
-            del self.cells[i]
+            self._take_out(i)
         self._set_targets()
 
 
-def _alive(scene: Scene, snapshot: Snapshot) -> list[Cell]:
+def _tensions(cells: Sequence[Cell], physics: Physics) -> NDArray[np.float64]:
+    """(N,) surface tension γ of cells."""
+    return np.array([physics.gamma if cell.gamma is None else cell.gamma for cell in cells])
+
+
+def _values(cell: Cell) -> dict[str, Any]:
+    """What a snapshot says of a cell; a volume function is the scene's to say."""
+    if callable(cell.volume) and not isinstance(cell.volume, VolumeCourse):
+        values = cell_values(replace(cell, volume=None))
+        del values["volume"]
+        return values
+    return cell_values(cell)
+
+
+def _alive(scene: Scene, state: Snapshot) -> list[Cell]:
     """Cells of a snapshot, in its order."""
-    cells = {cell.name: cell for cell in scene.cells}
-    for name in snapshot.names:
-        _validate.choice("cell of the snapshot", name, cells)
-    return [cells[name] for name in snapshot.names]
+    known = {cell.name: cell for cell in scene.cells}
+    cells = []
+    for row, (origin, phi) in zip(state.cells, _saved_fields(state), strict=True):
+        name, spacing = row["name"], scene.numerics.spacing
+        if "volume" not in row:
+            _validate.choice("cell of the snapshot, whose volume is a function,", name, known)
+            cells.append(known[name])
+            continue
+        shape = Field(phi=phi, origin=origin * spacing, spacing=spacing)
+        cells.append(cell_of(row, shape))
+    return cells
 
 
 def _saved_fields(snapshot: Snapshot) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:

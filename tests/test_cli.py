@@ -55,6 +55,7 @@ def test_info_tells_saves_and_cells(run_directory: Path) -> None:
     out = call("info", run_directory)
     assert "3 saves, t = 0 to 20" in out
     assert "right" in out
+    assert "--resume" not in out
 
 
 def test_contacts_as_table_and_as_json(run_directory: Path) -> None:
@@ -85,6 +86,8 @@ def test_options_change_the_scene(run_directory: Path, tmp_path: Path) -> None:
 
 def test_a_run_goes_on_from_where_it_stopped(run_directory: Path, tmp_path: Path) -> None:
     call("run", run_directory, "-o", tmp_path / "parts", "--until", 10)
+    with open_run(tmp_path / "parts") as data:
+        assert data.attrs["duration"] == 10
     call("run", "--resume", tmp_path / "parts", "--until", 20, "--threads", 1)
     with open_run(run_directory) as first, open_run(tmp_path / "parts") as second:
         assert second["time"].values.tolist() == [0, 10, 20]

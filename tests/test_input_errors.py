@@ -242,6 +242,7 @@ def test_an_attraction_matrix_is_checked(matrix: list, words: tuple) -> None:
 def test_each_attraction_is_checked(value: Any) -> None:
     for options, where in (
         ({"default": value}, "sigma.default"),
+        ({"sisters": value}, "sigma.sisters"),
         ({"types": {("s", "t"): value}}, "sigma.types['s', 't']"),
         ({"pairs": {("a", "b"): value}}, "sigma.pairs['a', 'b']"),
     ):
@@ -472,6 +473,8 @@ def test_an_unknown_key_is_named_with_a_suggestion(load: Callable, text: str, wo
         ("[physics]\nsigma = [1]\n" + CELL, ("physics.sigma = [1]", "not a number")),
         ('[physics.sigma]\npairs = [["a"]]\n' + CELL, ("sigma.pairs", "['a']", "[from, to, ")),
         ('[physics.sigma]\npairs = [["a", "b", 1]]\n' + CELL, ("sigma.pairs", "'b'", "known")),
+        ('[physics.sigma]\nsisters = "weak"\n' + CELL, ("sigma.sisters = 'weak'", "number")),
+        ("[physics.sigma]\nmatrix = [[0]]\nsisters = 1\n" + CELL, ("'sisters'", "'matrix'")),
         ("[physics.sigma]\nmatrix = [[0, 1]]\n" + CELL, ("sigma", "(1, 2)", "(1, 1)")),
         ("[confinement]\nwidth = 3\n" + CELL, ("confinement", "'width': 3", "kind")),
         ('[confinement]\nkind = "bx"\n' + CELL, ("confinement.kind = 'bx'", "'box'?")),

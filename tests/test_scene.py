@@ -21,6 +21,7 @@ from morphosim import (
     Numerics,
     Physics,
     Scene,
+    Simulation,
     Sphere,
     VolumeCourse,
     built_in_scene,
@@ -29,6 +30,7 @@ from morphosim import (
     scene_names,
 )
 from morphosim.initial import lattice_field
+from morphosim.interactions import Interactions
 
 H = 0.5
 
@@ -74,7 +76,7 @@ def random(*shape: int, seed: int = 0) -> NDArray[np.float64]:
 PARTITION = Scene.from_points(["p", "q"], [(50, 0, 0), (56, 0, 0)], [300, 200])
 CELLS = [
     ball("plain"),
-    ball("full", x=1 / 3, type="skin", gamma=0.3, frozen=True, volume=250.0),
+    ball("full", x=1 / 3, type="skin", gamma=0.3, frozen=True, parent="AB", volume=250.0),
     ball("grows", volume=VolumeCourse(times=[0, 10.5], volumes=[268, 1 / 3])),
     Cell(name="egg", shape=Ellipsoid(center=(1, 2, 3), semi_axes=(4, 5, 6)), type="nerve"),
     Cell(name="seg", shape=Mask(mask=random(5, 6, 7) > 0.5, origin=(1, 2, 3), smoothing=1.5)),
@@ -84,6 +86,7 @@ CELLS = [
 ]
 ATTRACTION = Attraction(
     default=0.1,
+    sisters=0.05,
     types={("skin", "nerve"): 0.5, ("nerve", "skin"): 0.25, ("skin", "skin"): 1.0},
     pairs={("egg", "seg"): 0.0, ("seg", "egg"): 0.7, ("raw", "plain"): 1 / 3},
 )
@@ -380,6 +383,114 @@ def test_the_most_specific_attraction_holds() -> None:
         [0.1, 0.1, 0.1, 0.0],
     ]
     np.testing.assert_array_equal(found, expected)
+
+
+FAMILY = {
+    "names": ["a", "b", "c", "d", "e"],
+    "types": ["s", "s", "s", "t", "t"],
+    "parents": ["P", "Q", "P", "P", ""],
+}
+
+
+def test_sisters_come_before_types_and_after_pairs() -> None:
+    attraction = Attraction(
+        default=0.1, sisters=0.4, types={("s", "s"): 0.2}, pairs={("a", "c"): 0.5, ("d", "e"): 0.6}
+    )
+    expected = [
+        [0.0, 0.2, 0.5, 0.4, 0.1],
+        [0.2, 0.0, 0.2, 0.1, 0.1],
+        [0.5, 0.2, 0.0, 0.4, 0.1],
+        [0.4, 0.1, 0.4, 0.0, 0.6],
+        [0.1, 0.1, 0.1, 0.6, 0.0],
+    ]
+    np.testing.assert_array_equal(attraction.matrix(**FAMILY), expected)
+
+
+def test_cells_without_a_known_parent_are_no_sisters() -> None:
+    attraction = Attraction(default=0.5, sisters=0.0)
+    apart = 0.5 * (1 - np.eye(2))
+    for parents in (["", ""], ["P", ""], ["P", "Q"], None):
+        np.testing.assert_array_equal(attraction.matrix(["a", "b"], parents=parents), apart)
+    assert not attraction.matrix(["a", "b"], parents=["P", "P"]).any()
+
+
+def test_the_strongest_attraction_may_be_that_of_sisters() -> None:
+    assert Attraction(default=0.5, sisters=2.0, pairs={("a", "b"): 1.0}).strongest(["s"]) == 2.0
+    assert Attraction(default=0.5, sisters=0.0).strongest(["s"]) == 0.5
+
+
+def matrix_of(found: Interactions) -> NDArray[np.float64]:
+    """What kernels take: σ by type, and the additions of single pairs."""
+    _, types, pull = found.interaction
+    sigma = pull[np.ix_(types, types)].astype(float)
+    if found.pairs is not None:
+        pulled = np.repeat(np.arange(len(types)), np.diff(found.pairs.start))
+        sigma[found.pairs.cell, pulled] += found.pairs.weight
+    np.fill_diagonal(sigma, 0)
+    return sigma
+
+
+@pytest.mark.parametrize(
+    "attraction",
+    [
+        Attraction(default=0.5, sisters=0.0),
+        Attraction(default=0.5, sisters=0.5),
+        Attraction(sisters=0.3),
+        Attraction(sisters=0.3, types={("s", "t"): 0.2}, pairs={("a", "c"): 0, ("c", "a"): 1}),
+    ],
+)
+def test_kernels_get_the_attraction_of_sisters(attraction: Attraction) -> None:
+    names, types, parents = FAMILY.values()
+    found = Interactions(attraction, 1.6, names, types, np.float64, parents=parents)
+    np.testing.assert_allclose(matrix_of(found), attraction.matrix(**FAMILY), atol=1e-15)
+    exceptional = attraction.sisters != attraction.default
+    assert (found.pairs is not None) == exceptional
+
+
+def test_a_file_says_how_sisters_attract(tmp_path: Path) -> None:
+    cells = "".join(
+        f'[[cells]]\nname = "{name}"\nparent = "{parent}"\n'
+        'shape = { kind = "sphere", center = [0, 0, 0], radius = 4 }\n'
+        for name, parent in (("ABa", "AB"), ("EMS", "P1"), ("ABp", "AB"))
+    )
+    path = tmp_path / "s.toml"
+    path.write_text(f"[physics.sigma]\ndefault = 0.5\nsisters = 0\n{cells}")
+    scene = load_scene(path)
+    assert scene.physics.attraction == Attraction(default=0.5, sisters=0.0)
+    assert round_trip(scene, tmp_path).physics == scene.physics
+    assert scene.parents == ["AB", "P1", "AB"]
+    found = scene.physics.attraction.matrix(scene.names, scene.types, scene.parents)
+    np.testing.assert_array_equal(found, [[0, 0.5, 0], [0.5, 0, 0.5], [0, 0.5, 0]])
+    assert load_scene(path, {"physics.sigma.sisters": 0.2}).physics.attraction.sisters == 0.2
+
+
+def test_a_file_tells_sisters_only_if_the_scene_does(tmp_path: Path) -> None:
+    save_scene(Scene(cells=[ball()]), tmp_path / "s.toml")
+    assert "sisters" not in (tmp_path / "s.toml").read_text()
+
+
+def three_balls(sigma: Attraction, parents: str) -> Simulation:
+    """Three cells that touch, after some steps; "2" is taken out half-way."""
+    centers = ((0, 0, 0), (8.3, 0.5, 0), (4, 7, 0.5))
+    cells = [
+        Cell(name=str(k), parent=parent, shape=Sphere(center=center, radius=4))
+        for k, (center, parent) in enumerate(zip(centers, parents, strict=True))
+    ]
+    numerics = Numerics(solver="band", threads=1)
+    simulation = Simulation(Scene(cells=cells, physics=Physics(sigma=sigma), numerics=numerics))
+    simulation.step(10)
+    simulation.remove(["2"])
+    simulation.step(10)
+    return simulation
+
+
+def test_sisters_move_as_pairs_of_the_same_attraction_do() -> None:
+    by_parent = three_balls(Attraction(default=0.5, sisters=0.1), "PPQ")
+    by_pair = three_balls(Attraction(default=0.5, pairs={("0", "1"): 0.1}), "PPQ")
+    strangers = three_balls(Attraction(default=0.5, sisters=0.1), "PRQ")
+    for one, other in zip(by_parent.fields, by_pair.fields, strict=True):
+        np.testing.assert_array_equal(one.phi, other.phi)
+    assert np.abs(by_parent.centroids - strangers.centroids).max() > 1e-3
 
 
 # --- presets -------------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from morphosim.accessor import MorphoAccessor
 from morphosim.exports import Tell
 from morphosim.labels import MOST_POINTS
-from morphosim.lazyfields import block, spacing
+from morphosim.lazyfields import block
+from morphosim.runs.fields import spacing
 
 CLASSIC_TIFF_BYTES = (1 << 32) - (1 << 25)
 """Larger images are BigTIFF: classic TIFF has 32-bit offsets."""

@@ -19,7 +19,8 @@ from morphosim.accessor import MorphoAccessor
 from morphosim.exports import Tell
 from morphosim.fields import CellField
 from morphosim.labels import MOST_POINTS
-from morphosim.lazyfields import block, cell_fields, spacing, variable
+from morphosim.lazyfields import block
+from morphosim.runs.fields import load_fields, spacing, variable
 from morphosim.surfaces import cell_surface
 
 PER_TRIANGLE = ("volume", "surface_area")
@@ -78,7 +79,7 @@ def _write_cells(run: xr.Dataset, folder: Path, save: int, types: Sequence[str])
     known = [name for name in PER_TRIANGLE if name in run]
     rows = {name: variable(run, name, "time", "cell")[save].values for name in known}
     files: dict[str, Path] = {}
-    for field in cell_fields(run, save):
+    for field in load_fields(run, save):
         k = places[field.name]
         kind = str(kinds[k])
         values = {"label": np.int32(k + 1), "type": np.int32(types.index(kind))}

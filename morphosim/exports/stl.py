@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from morphosim.exports import Tell
-from morphosim.lazyfields import cell_fields, spacing
+from morphosim.runs.fields import load_fields, spacing
 from morphosim.surfaces import Surface, cell_surface
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -23,7 +23,7 @@ def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) ->
     paths = []
     for done, save in enumerate(saves, 1):
         folder = directory / f"t_{float(run['time'].values[save]):.12g}"
-        for field in cell_fields(run, save):
+        for field in load_fields(run, save):
             surface = cell_surface(field, spacing(run))
             if len(surface.faces):
                 folder.mkdir(exist_ok=True)

@@ -9,7 +9,8 @@ import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
 from morphosim.exports import Tell
-from morphosim.lazyfields import contacts, variable
+from morphosim.lazyfields import contacts
+from morphosim.runs.fields import variable
 
 TABLES = ("cells", "contacts", "times")
 

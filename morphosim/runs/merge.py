@@ -77,7 +77,7 @@ def merged(paths: Sequence[Path]) -> "xr.Dataset":
     """One Dataset of all saves; cells in the order in which they first appear."""
     import xarray as xr
 
-    saves = [Save.read(path) for path in paths]
+    saves = _kept([Save.read(path) for path in paths])
     place = {name: k for k, name in enumerate(dict.fromkeys(n for s in saves for n in s.cells))}
     columns = [np.array([place[name] for name in save.cells]) for save in saves]
     names = np.array(list(place))
@@ -99,6 +99,15 @@ def merged(paths: Sequence[Path]) -> "xr.Dataset":
     coordinates = {name: variables.pop(name) for name in ("time", *LABELS) if name in variables}
     parent = coordinates.pop("parent")
     return xr.Dataset(variables | {"parent": parent}, coordinates, saves[-1].attributes)
+
+
+def _kept(saves: Sequence[Save]) -> list[Save]:
+    """Saves without those that a later one has gone back behind."""
+    kept: list[Save] = []
+    for save in reversed(saves):
+        if not kept or save.table["step"][0] < kept[-1].table["step"][0]:
+            kept.append(save)
+    return kept[::-1]
 
 
 def _variable(name: str, value: Any) -> tuple[Any, ...]:

@@ -1,8 +1,10 @@
 """Saving a simulation as it goes on."""
 
 import logging
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,10 +96,20 @@ class RunWriter:
         """Save if a save is due."""
         steps = simulation.engine.steps
         if steps == self._measured_from:
-            self._since = _Since(simulation, simulation.centroids)
+            self._marks.append(_Since(simulation, simulation.centroids))
         if steps >= self._due:
             self._save(simulation)
             self._plan(simulation)
+
+    def stage_ended(self, simulation: Simulation) -> None:
+        """Save the end of a stage; saves beyond it, if the stage ends in the past, are dropped."""
+        if simulation.engine.steps < self._saved:
+            beyond = self._number
+            self._save(simulation)
+            self._drop(beyond, simulation.engine.steps)
+        else:
+            self._save(simulation)
+        self._plan(simulation)
 
     def finish(self, simulation: Simulation) -> None:
         """Save the last state, unless a step or a save has failed, and unlock the directory."""
@@ -115,7 +127,7 @@ class RunWriter:
         self.files.tidy()
         self._number = self.files.last
         self._saved = simulation.engine.steps if self.files.saves else -1
-        self._since = _Since(simulation, simulation.centroids)
+        self._marks = deque([_Since(simulation, simulation.centroids)], maxlen=4)
         if not self.resume:
             self._write_scene(simulation)
         self._plan(simulation)
@@ -174,7 +186,7 @@ class RunWriter:
             return
         number = self._number + 1
         measured = _measured(simulation)
-        speeds = self._since.speeds(simulation, measured.centroid)
+        speeds = self._speeds(simulation, measured.centroid)
         state = self._other.submit(simulation.snapshot().write, self.files.restart(number))
         try:
             with replacing(self.files.save(number)) as partial:
@@ -185,7 +197,20 @@ class RunWriter:
             raise self._error(simulation, error) from error
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.engine.steps
-        self._since = _Since(simulation, measured.centroid)
+        self._marks.append(_Since(simulation, measured.centroid))
+
+    def _speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> Any:
+        """(N,) speeds since the last mark that lies in the past; NaN where there is none."""
+        marks = [mark for mark in self._marks if mark.time < simulation.time]
+        if not marks:
+            return np.full(len(centroids), np.nan)
+        return max(marks, key=lambda mark: mark.time).speeds(simulation, centroids)
+
+    def _drop(self, number: int, steps: int) -> None:
+        """Delete saves from this number down that are beyond a step."""
+        while number >= 0 and step_of(self.files.save(number)) >= steps:
+            self.files.save(number).unlink()
+            number -= 1
 
     def _error(self, simulation: Simulation, error: OSError) -> SaveError:
         message = (
@@ -204,12 +229,11 @@ class _Since:
         self.centroids = dict(zip(simulation.names, centroids, strict=True))
 
     def speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) mean speed of each cell since then, µm per time; NaN where there is none."""
+        """(N,) mean speed of each cell since then, µm per time; NaN where it was not there."""
         nowhere = np.full(3, np.nan)
         before = np.array([self.centroids.get(name, nowhere) for name in simulation.names])
-        span = simulation.time - self.time
         moved = np.linalg.norm(centroids - before, axis=1)
-        return np.asarray(moved / span if span > 0 else np.full(len(moved), np.nan))
+        return np.asarray(moved / (simulation.time - self.time))
 
 
 def _measured(simulation: Simulation) -> Measurement:

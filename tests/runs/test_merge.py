@@ -41,7 +41,7 @@ def changing(tmp_path: Path) -> Path:
     later = folder / "save-000001.nc"
     (tmp_path / "later" / "save-000000.nc").rename(later)
     with netCDF4.Dataset(later, "a") as file:
-        file["time"][:] = 2.0
+        file["time"][:], file["step"][:] = 2.0, 1
     return folder
 
 
@@ -63,6 +63,15 @@ def test_cells_that_come_and_go(changing: Path) -> None:
         first = int(data["label_size"][0])
         assert set(np.unique(data["label"][:first].values)) == {0, 1, 2, 3}
         assert set(np.unique(data["label"][first:].values)) == {0, 2, 3, 4}
+
+
+def test_saves_that_a_run_has_gone_back_behind_do_not_count(tmp_path: Path) -> None:
+    simulation().run(until=6, observers=[RunWriter(tmp_path, 2)])
+    with netCDF4.Dataset(tmp_path / "save-000003.nc", "a") as file:
+        file["time"][:], file["step"][:] = 2.0, 1
+    with open_run(tmp_path) as data:
+        assert data["step"].values.tolist() == [0, 1]
+        assert data["box_time"].values.tolist() == [0, 0, 0, 1, 1, 1]
 
 
 def test_plain_xarray_joins_cells_that_come_and_go(changing: Path) -> None:
@@ -89,7 +98,9 @@ def test_contacts_are_a_list_beyond_many_cells(
         assert rows[0].tolist() == [0, 0, 1, 1]
         np.testing.assert_array_equal(data["contact_pair_area"], areas[tuple(rows)])
     # A run of both kinds gives the list.
-    (tmp_path / "list" / "save-000001.nc").rename(dense / "save-000002.nc")
+    moved = (tmp_path / "list" / "save-000001.nc").rename(dense / "save-000002.nc")
+    with netCDF4.Dataset(moved, "a") as file:
+        file["time"][:], file["step"][:] = 4.0, 2
     with open_run(dense) as data:
         assert data["contact_time"].values.tolist() == [0, 0, 1, 1, 2, 2]
         np.testing.assert_array_equal(

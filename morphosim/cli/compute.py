@@ -1,0 +1,213 @@
+"""Commands that compute: `scenes`, `run`, `bench`."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from morphosim.cli.app import INTERRUPTED, RUN_ERROR, app
+
+if TYPE_CHECKING:
+    from morphosim.progress import ProgressBar
+    from morphosim.scene import Scene
+    from morphosim.simulation import Simulation
+
+
+@app.command()
+def scenes() -> None:
+    """List the built-in scenes."""
+    from morphosim.library import built_in_scene, scene_names
+
+    for name in scene_names():
+        typer.echo(f"{name:18} {built_in_scene(name).description}")
+
+
+@app.command()
+def run(
+    scene: Annotated[
+        str | None, typer.Argument(help="built-in scene, scene file, or its directory")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="directory of the run")
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            help="draft, fast, standard, reference or published; replaces the scene's numerics"
+        ),
+    ] = None,
+    until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
+    dt: Annotated[float | None, typer.Option(help="time step")] = None,
+    save_every: Annotated[float | None, typer.Option(help="time between saves")] = None,
+    threads: Annotated[int | None, typer.Option(help="number of threads")] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="any value of the scene, as physics.gamma=0.3; repeatable"),
+    ] = None,
+    from_: Annotated[
+        Path | None, typer.Option("--from", help="start from the fields of this saved run")
+    ] = None,
+    time: Annotated[
+        float | None, typer.Option(help="with --from: the save to start from; the last by default")
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="go on with this run, to the same end, bit for bit")
+    ] = None,
+) -> None:
+    """Simulate a scene and save the run, or go on with a saved one."""
+    from morphosim.library import find_scene
+
+    overrides = _overrides(set_ or [])
+    for key, value in (
+        ("numerics.preset", preset), ("duration", until), ("numerics.dt", dt),
+        ("save_every", save_every), ("numerics.threads", threads),
+    ):  # fmt: skip
+        if value is not None:
+            overrides[key] = value
+    if resume is not None:
+        _check_resume([scene, output, from_, time], overrides)
+        _resume(resume, overrides)
+    if scene is None or output is None:
+        message = "run needs a scene and --output, or --resume and the directory of a run"
+        raise typer.BadParameter(message)
+    if from_ is None and time is not None:
+        message = f"--time {time:g} says from which save of a run to start; give the run by --from"
+        raise ValueError(message)
+    _simulate(find_scene(scene, overrides), output, from_, time)
+
+
+def _overrides(settings: list[str]) -> dict[str, Any]:
+    """Values of `--set key=value`; the value is TOML, or else a plain text."""
+    result = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals:
+            message = f"--set {setting!r}: expected key=value, such as physics.gamma=0.3"
+            raise ValueError(message)
+        try:
+            result[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            result[key.strip()] = text
+    return result
+
+
+def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
+    """Raise ValueError if a run that goes on is asked to change."""
+    changed = [key for key in overrides if key not in ("duration", "numerics.threads")]
+    if changed or any(value is not None for value in others):
+        what = f": {', '.join(changed)} cannot change" if changed else ""
+        message = (
+            f"--resume goes with --until and --threads alone{what}; to change more, start a new "
+            "run from the saved one: morphosim run SCENE --from DIR -o NEW"
+        )
+        raise ValueError(message)
+
+
+def _resume(directory: Path, overrides: dict[str, Any]) -> None:
+    """Go on with a run; a later end is written to its scene file."""
+    from dataclasses import replace
+
+    from morphosim.runs.files import RunDirectory
+    from morphosim.runs.resume import saved_state
+    from morphosim.scenefile import save_scene
+    from morphosim.simulation import Simulation
+
+    scene, snapshot = saved_state(directory)
+    end = overrides.get("duration", scene.duration)
+    if end > scene.duration:
+        files = RunDirectory(directory)
+        with files.locked():
+            save_scene(replace(scene, duration=end), files.scene)
+    threads = overrides.get("numerics.threads", scene.numerics.threads)
+    scene = replace(scene, duration=end).with_numerics(threads=threads)
+    _go(Simulation(scene, snapshot), directory, resume=True)
+
+
+def _simulate(scene: "Scene", output: Path, source: Path | None, time: float | None) -> None:
+    """Simulate a scene from its start, or from a save of another run."""
+    from morphosim.simulation import Simulation
+
+    if source is None:
+        simulation = Simulation(scene)
+    else:
+        simulation = Simulation.from_run(source, scene=scene, time=time)
+    _go(simulation, output)
+
+
+def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
+    """Run with output and progress; end with a summary, whatever happens."""
+    from morphosim.errors import SaveError, SimulationError
+    from morphosim.progress import ProgressBar
+    from morphosim.runs.writer import RunWriter
+
+    scene = simulation.scene
+    writer = RunWriter(
+        output, scene.save_every, fields=scene.save_fields, labels=scene.save_labels, resume=resume
+    )
+    bar = ProgressBar(scene.duration)
+    status = 0
+    try:
+        simulation.run(observers=[writer, bar])
+    except KeyboardInterrupt:
+        kept = "saved" if simulation.engine.whole else "the saves before are kept"
+        typer.echo(
+            f"interrupted at t = {simulation.time:g}; {kept}. "
+            f"Go on with: morphosim run --resume {output}", err=True
+        )  # fmt: skip
+        status = INTERRUPTED
+    except SaveError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(RUN_ERROR) from error
+    except SimulationError as error:
+        typer.echo(f"error: {error}. The last state is saved", err=True)
+        status = RUN_ERROR
+    typer.echo(_summary(simulation, bar, output))
+    raise typer.Exit(status)
+
+
+def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
+    """Volumes, certificate and speed of a run."""
+    engine = simulation.engine
+    lines = [f"{'cell':10} {'volume':>10} {'target':>10}  um3   face |phi|   lost um3"]
+    rows = zip(
+        simulation.names, simulation.volumes, simulation.targets, engine.face_peak,
+        engine.lost_volume, strict=True,
+    )  # fmt: skip
+    shown = 20
+    for name, volume, target, peak, lost in list(rows)[:shown]:
+        lines.append(f"{name:10} {volume:10.1f} {target:10.1f} {peak:15.1e} {lost:10.2g}")
+    if len(simulation.cells) > shown:
+        lines.append(f"... and {len(simulation.cells) - shown} cells more")
+    if bar.steps:
+        speed = 1e3 * bar.seconds / bar.steps
+        lines.append(
+            f"t = {simulation.time:g} in {bar.seconds:.1f} s: {speed:.2f} ms per step on "
+            f"{engine.workers} threads (first step, with compilation: {bar.first_step:.1f} s)"
+        )
+    lines.append(f"saved in {output}")
+    return "\n".join(lines)
+
+
+@app.command()
+def bench(
+    seconds: Annotated[float, typer.Option(help="about how long to time")] = 60.0,
+    json_file: Annotated[
+        Path | None,
+        typer.Option("--json", dir_okay=False, help="also write the result to this file"),
+    ] = None,
+    threads: Annotated[int, typer.Option(help="number of threads to compare with one; 0: all")] = 0,
+) -> None:
+    """Time this machine: steps of 100 cells and of the embryo, memory, bandwidth."""
+    from morphosim.bench import measure, text
+    from morphosim.progress import progress_line
+
+    if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+    with progress_line() as tell:
+        result = measure(seconds, threads, tell)
+    typer.echo(text(result))
+    if json_file is not None:
+        json_file.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        typer.echo(f"written to {json_file}")

@@ -1,0 +1,96 @@
+"""Commands that make scenes of other files: `import-matlab`, `import-labels`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from morphosim.cli.app import app
+
+
+@app.command("import-matlab")
+def import_matlab(
+    masks: Annotated[Path, typer.Argument(help=".mat file with Mask or phi_save")],
+    table: Annotated[Path, typer.Option(help="names and attraction: .xls, .xlsx or .csv")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
+    shell: Annotated[Path | None, typer.Option(help=".mat file with PhiShell")] = None,
+    open_space: Annotated[bool, typer.Option("--open", help="no confinement")] = False,
+    target_masks: Annotated[
+        Path | None, typer.Option(help="masks that give the target volumes of a saved state")
+    ] = None,
+    spacing: Annotated[float, typer.Option(help="voxel size, um")] = 0.5,
+) -> None:
+    """Turn the published MATLAB program's files into a scene that `run` takes."""
+    from morphosim.matlab import EGGSHELL
+    from morphosim.matlab import import_matlab as read
+    from morphosim.scenefile import save_scene
+
+    scene = read(
+        masks, table, shell=shell, confinement=None if open_space else EGGSHELL,
+        spacing=spacing, masks_for_volume=target_masks,
+    )  # fmt: skip
+    output.mkdir(parents=True, exist_ok=True)
+    save_scene(scene, output / "scene.toml")
+    typer.echo(f"{len(scene.cells)} cells: {', '.join(scene.names)}")
+    typer.echo(f"scene in {output / 'scene.toml'}")
+
+
+@app.command("import-labels")
+def import_labels(
+    image: Annotated[Path, typer.Argument(help="label image: .tif, .npy, .npz or .nc")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
+    spacing: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="voxel size x y z, um; by default what the file says"),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float] | None, typer.Option(help="first voxel's centre x y z, um")
+    ] = None,
+    axes: Annotated[str | None, typer.Option(help="order of the file's axes, as zyx")] = None,
+    key: Annotated[str | None, typer.Option(help="array of an .npz, variable of a .nc")] = None,
+    time_index: Annotated[int | None, typer.Option(help="which time, from 0")] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(help=".csv: label, name, type, parent, volume, gamma, frozen"),
+    ] = None,
+    frozen: Annotated[str, typer.Option(help="cells that do not move: A,B")] = "",
+    active: Annotated[str, typer.Option(help="the only cells that move: A,B")] = "",
+    shell: Annotated[
+        bool, typer.Option("--shell/--open", help="a wall around all cells, or open space")
+    ] = False,
+    volumes: Annotated[
+        str, typer.Option(help="target volumes keep the surfaces in place, or count the voxels")
+    ] = "surface",
+    sigma: Annotated[float, typer.Option(help="attraction between all cells")] = 0.0,
+    least_voxels: Annotated[int | None, typer.Option(help="refuse smaller labels")] = None,
+    relax: Annotated[
+        float, typer.Option(help="first run all cells for this time; 10 suits frozen cells")
+    ] = 0.0,
+) -> None:
+    """Turn a segmented image into a scene that `run` takes."""
+    from morphosim.physics import Physics
+    from morphosim.relaxation import relaxed
+    from morphosim.scenefile import save_scene
+    from morphosim.segmentation.labelfile import read_labels
+    from morphosim.segmentation.scene import import_labels as read
+
+    labels = read_labels(
+        image, axes=axes, spacing=spacing, origin=origin, key=key, time_index=time_index
+    )
+    scene = read(
+        labels, names=table, frozen=_names(frozen), active=_names(active) if active else None,
+        confinement="image" if shell else None, physics=Physics(sigma=sigma), volumes=volumes,
+        least_voxels=least_voxels, name=image.name.partition(".")[0],
+    )  # fmt: skip
+    if relax:
+        scene = relaxed(scene, relax)
+    output.mkdir(parents=True, exist_ok=True)
+    save_scene(scene, output / "scene.toml")
+    still = sum(cell.frozen for cell in scene.cells)
+    typer.echo(f"{len(scene.cells)} cells, {still} of them frozen: {', '.join(scene.names)}")
+    typer.echo(f"scene in {output / 'scene.toml'}")
+
+
+def _names(text: str) -> list[str]:
+    """Names separated by commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]

@@ -1,0 +1,160 @@
+"""Events: what changes a simulation between two steps.
+
+An event is any object with `apply(simulation)`. Those here act through `Simulation.divide`,
+`remove`, `change_cells` and `change_physics`, as events of your own do.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from morphosim import _validate
+
+if TYPE_CHECKING:
+    from morphosim.simulation import Simulation
+
+
+class Event(Protocol):
+    """Something that happens between two steps."""
+
+    def apply(self, simulation: "Simulation") -> None:
+        """Change the simulation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Division:
+    """A cell divides; see `Simulation.divide`.
+
+    Attributes
+    ----------
+    cell : str
+    daughters : (str, str)
+    axis : (3,) from the second daughter to the first
+    fraction : float
+        Share of the volume that the first daughter gets.
+    types : (str, str), optional
+        Types of the daughters; by default the mother's.
+    volumes : (float, float), optional
+        Target volumes in µm³; by default shares of the mother's.
+    """
+
+    cell: str
+    daughters: tuple[str, str]
+    axis: ArrayLike
+    fraction: float = 0.5
+    types: tuple[str, str] | None = None
+    volumes: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        where = f"division of {self.cell!r}"
+        if len(tuple(self.daughters)) != 2:
+            message = f"{where}: daughters = {self.daughters!r}; expected two names"
+            raise ValueError(message)
+        object.__setattr__(self, "daughters", tuple(self.daughters))
+        _validate.unique(f"{where}: daughter", self.daughters)
+        _validate.number(f"{where}: fraction", self.fraction, above=0, most=1)
+        if not _validate.vector(f"{where}: axis", self.axis).any():
+            message = f"{where}: axis = {self.axis!r} has no direction"
+            raise ValueError(message)
+        for volume in self.volumes or ():
+            _validate.number(f"{where}: volumes", volume, above=0)
+
+    def apply(self, simulation: "Simulation") -> None:
+        """Divide the cell."""
+        simulation.divide(
+            self.cell, self.daughters, axis=self.axis, fraction=self.fraction, types=self.types,
+            volumes=self.volumes,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Removal:
+    """Cells are taken out: those named, and those that a rule picks.
+
+    Attributes
+    ----------
+    cells : names
+    rule : function of a simulation, optional
+        Gives names of cells.
+    """
+
+    cells: Sequence[str] = ()
+    rule: "Callable[[Simulation], Sequence[str]] | None" = None
+
+    def apply(self, simulation: "Simulation") -> None:
+        """Take the cells out."""
+        picked = () if self.rule is None else self.rule(simulation)
+        simulation.remove([*self.cells, *picked])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Differentiation:
+    """Cells of one type that touch a cell of another become a third.
+
+    Attributes
+    ----------
+    of, touching, into : str
+        Types.
+    area : float
+        Contact area in µm² that a cell must exceed, over all cells of type `touching`.
+    """
+
+    of: str
+    touching: str
+    into: str
+    area: float = 0.0
+
+    def __post_init__(self) -> None:
+        _validate.number("differentiation: area", self.area, least=0)
+
+    def apply(self, simulation: "Simulation") -> None:
+        """Change the types."""
+        from morphosim.contacts import contact_areas
+
+        types = {cell.name: cell.type for cell in simulation.cells}
+        shared: dict[str, float] = {}
+        areas = contact_areas(simulation.fields, simulation.scene.numerics.spacing)
+        for (a, b), area in areas.items():
+            for name, other in ((a, b), (b, a)):
+                if types[name] == self.of and types[other] == self.touching:
+                    shared[name] = shared.get(name, 0.0) + area
+        changed = [name for name, area in shared.items() if area > self.area]
+        simulation.change_cells(changed, type=self.into)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellChange:
+    """Type, surface tension, target volume or frozen of some cells change.
+
+    Attributes
+    ----------
+    cells : names
+    values : mapping
+        Fields of `Cell`: type, gamma, volume, frozen.
+    """
+
+    cells: Sequence[str]
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def apply(self, simulation: "Simulation") -> None:
+        """Change the cells."""
+        simulation.change_cells(self.cells, **self.values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhysicsChange:
+    """Values of `Physics` change.
+
+    Attributes
+    ----------
+    values : mapping
+        Fields of `Physics`.
+    """
+
+    values: Mapping[str, Any]
+
+    def apply(self, simulation: "Simulation") -> None:
+        """Change the physics."""
+        simulation.change_physics(**self.values)

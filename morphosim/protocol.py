@@ -1,0 +1,108 @@
+"""How far a simulation is in its stages."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.snapshot import Snapshot
+from morphosim.stages import CHECK_TIME, Stage
+
+if TYPE_CHECKING:
+    from morphosim.simulation import Simulation
+
+
+@dataclass(slots=True)
+class Progress:
+    """Where a simulation is in its stages, and what tells when the present one ends.
+
+    Attributes
+    ----------
+    stages : sequence of Stage
+    index : int
+        Number of the present stage; that of stages when all have ended.
+    begun : int
+        Steps taken when it began; -1 before its start.
+    speeds : v̄ at the checks so far
+    names, centroids : of the cells at the last check
+    back : Snapshot or None
+        State at the last check, where the stage may end with it.
+    """
+
+    stages: Sequence[Stage]
+    index: int = 0
+    begun: int = -1
+    speeds: list[float] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+    centroids: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    back: Snapshot | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether all stages have ended."""
+        return self.index >= len(self.stages)
+
+    def begin(self, simulation: "Simulation") -> None:
+        """Begin the present stage if it has not begun."""
+        if self.done or self.begun >= 0:
+            return
+        stage = self.stages[self.index]
+        for event in stage.events:
+            event.apply(simulation)
+        if stage.physics:
+            simulation.change_physics(**stage.physics)
+        simulation.engine.restart()
+        simulation.stage = stage.name
+        self.begun, self.speeds, self.back = simulation.engine.steps, [], None
+        self._look(simulation, stage)
+
+    def after_step(self, simulation: "Simulation") -> bool:
+        """Whether the present stage ends with this step, which may take the simulation back."""
+        stage, dt = self.stages[self.index], simulation.scene.numerics.dt
+        steps = simulation.engine.steps - self.begun
+        elapsed, interval = steps * dt, max(int(CHECK_TIME / dt + 1e-9), 1)
+        check = steps % interval == 0
+        if check:
+            self.speeds.append(self._speed(simulation, interval * dt))
+        ended = (check or stage.end.every_step) and stage.end.reached(
+            self.speeds, elapsed, simulation
+        )
+        if ended and stage.end.looks_back and self.back is not None:
+            simulation.go_back(self.back)
+        elif check:
+            self._look(simulation, stage)
+        if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
+            self.index, self.begun, self.back = self.index + 1, -1, None
+            return True
+        return False
+
+    def _look(self, simulation: "Simulation", stage: Stage) -> None:
+        """Remember where the cells are, and the state if the stage may end with it."""
+        self.names, self.centroids = tuple(simulation.names), simulation.centroids
+        self.back = simulation.snapshot(alone=True) if stage.end.looks_back else None
+
+    def _speed(self, simulation: "Simulation", span: float) -> float:
+        """v̄ of the cells that were there at the last check."""
+        before = dict(zip(self.names, self.centroids, strict=True))
+        moved = [
+            np.linalg.norm(now - before[name])
+            for name, now in zip(simulation.names, simulation.centroids, strict=True)
+            if name in before
+        ]
+        return float(np.sqrt(np.mean(np.square(moved))) / span)
+
+    def restore(self, state: Snapshot) -> None:
+        """Take over how far the stages were."""
+        if state.progress is None:
+            return
+        self.index, self.begun = state.progress["index"], state.progress["begun"]
+        self.speeds, self.names = list(state.progress["speeds"]), tuple(state.progress["names"])
+        self.centroids, self.back = np.array(state.arrays["check"]), state.back
+
+    def facts(self) -> dict[str, Any]:
+        """What a file must say of it, besides `centroids` and `back`."""
+        return {
+            "index": self.index, "begun": self.begun, "speeds": self.speeds, "names": self.names,
+        }  # fmt: skip

@@ -1,0 +1,149 @@
+"""Events: divisions, removals, differentiation and changes of a running simulation."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from morphosim import Attraction, Cell, Numerics, Physics, Scene, Simulation, Sphere
+from morphosim.events import CellChange, Differentiation, Division, PhysicsChange, Removal
+
+
+def ball(name: str, x: float = 0.0, radius: float = 5.0, **options: Any) -> Cell:
+    return Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=radius), **options)
+
+
+def start(*cells: Cell, **physics: Any) -> Simulation:
+    numerics = Numerics(threads=1, precision="double")
+    return Simulation(Scene(cells=cells, physics=Physics(**physics), numerics=numerics))
+
+
+def test_a_division_conserves_mass_and_gives_each_daughter_its_share() -> None:
+    simulation = start(ball("m", gamma=0.3, type="soft"), ball("n", 12.0))
+    simulation.step(5)
+    before, memory = simulation.volumes.copy(), simulation.engine.nbytes
+    Division(cell="m", daughters=("a", "b"), axis=(0, 0, 2), fraction=0.6).apply(simulation)
+    assert simulation.names == ["n", "a", "b"]
+    kept = simulation.volumes + simulation.engine.lost_volume
+    assert kept[1:].sum() == pytest.approx(before[0], rel=1e-12)
+    assert kept[1] / before[0] == pytest.approx(0.6, abs=1e-3)
+    assert simulation.engine.nbytes < 2.5 * memory
+    assert simulation.centroids[1, 2] > simulation.centroids[2, 2] + 3
+    assert [c.parent for c in simulation.cells[1:]] == ["m", "m"]
+    assert [c.type for c in simulation.cells[1:]] == ["soft", "soft"]
+    assert [c.gamma for c in simulation.cells[1:]] == [0.3, 0.3]
+    np.testing.assert_allclose(simulation.targets[1:], 523.6 * np.array([0.6, 0.4]), rtol=1e-4)
+    assert simulation.engine.fresh
+    simulation.step(20)
+    np.testing.assert_allclose(simulation.volumes, simulation.targets, rtol=0.1)
+
+
+def test_daughters_of_a_division_keep_what_is_stated() -> None:
+    simulation = start(ball("m", volume=500.0))
+    simulation.divide("m", ("a", "b"), axis=(1, 0, 0), types=("x", "y"), volumes=(300.0, 210.0))
+    assert [c.type for c in simulation.cells] == ["x", "y"]
+    assert simulation.targets.tolist() == [300, 210]
+
+
+def test_sisters_and_pairs_attract_after_a_division_as_stated() -> None:
+    sigma = Attraction(default=0.5, sisters=0.0)
+    simulation = start(ball("m"), ball("n", 9.0), sigma=sigma)
+    simulation.divide("m", ("a", "b"), axis=(0, 1, 0))
+    found = sigma.matrix(simulation.names, parents=[c.parent for c in simulation.cells])
+    np.testing.assert_array_equal(found, [[0, 0.5, 0.5], [0.5, 0, 0], [0.5, 0, 0]])
+    assert simulation.engine.parents == ["", "m", "m"]
+    stated = start(ball("m"), ball("n", 9.0), sigma=0.5)
+    stated.divide("m", ("a", "b"), axis=(0, 1, 0))
+    stated.change_physics(sigma=Attraction(default=0.5, pairs={("a", "b"): 0.0}))
+    for one in (simulation, stated):
+        one.step(10)
+    np.testing.assert_array_equal(simulation.centroids, stated.centroids)
+
+
+def test_noise_of_daughters_is_their_own() -> None:
+    simulation = start(ball("m"), ball("n", 20.0), kappa=0.3)
+    simulation.divide("m", ("a", "b"), axis=(0, 0, 1))
+    simulation.divide("a", ("c", "d"), axis=(0, 1, 0))
+    assert len(set(simulation.engine.ids.tolist())) == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"cell": "x"}, "cell = 'x' is not known"),
+        ({"daughters": ("n", "b")}, "daughter 'n' of 'm': there is a cell of this name"),
+    ],
+)
+def test_divisions_that_cannot_be(options: dict, error: str) -> None:
+    simulation = start(ball("m"), ball("n", 12.0))
+    event = Division(**({"cell": "m", "daughters": ("a", "b"), "axis": (0, 0, 1)} | options))
+    with pytest.raises(ValueError, match=error):
+        event.apply(simulation)
+    assert simulation.names == ["m", "n"]
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"axis": (0, 0, 0)}, "has no direction"),
+        ({"daughters": ("a",)}, "expected two names"),
+        ({"daughters": ("a", "a")}, "occurs twice"),
+        ({"fraction": 0.0}, "fraction = 0.0 is not allowed"),
+        ({"volumes": (1.0, -1.0)}, "volumes = -1.0 is not allowed"),
+    ],
+)
+def test_divisions_are_checked_when_made(options: dict, error: str) -> None:
+    with pytest.raises(ValueError, match=error):
+        Division(**({"cell": "m", "daughters": ("a", "b"), "axis": (0, 0, 1)} | options))
+
+
+def test_removal_by_name_and_by_rule() -> None:
+    simulation = start(ball("a"), ball("b", 12.0), ball("c", 24.0), ball("d", 36.0))
+    simulation.step(2)
+
+    def beyond(simulation: Simulation) -> list[str]:
+        x = simulation.centroids[:, 0]
+        return [name for name, at in zip(simulation.names, x, strict=True) if at > 30]
+
+    Removal(cells=["b"], rule=beyond).apply(simulation)
+    assert simulation.names == ["a", "c"]
+    assert [name for _, name in simulation.removed] == ["d", "b"]
+    assert not simulation.engine.fresh
+    with pytest.raises(ValueError, match="all 2 cells would be removed"):
+        simulation.remove(["a", "c"])
+
+
+def test_differentiation_by_contact() -> None:
+    simulation = start(
+        ball("r1", type="red"),
+        ball("g", 9.5, type="green"),
+        ball("r2", 25.0, type="red"),
+        sigma=0.5,
+    )
+    simulation.step(5)
+    Differentiation(of="red", touching="green", into="blue").apply(simulation)
+    assert [c.type for c in simulation.cells] == ["blue", "green", "red"]
+    Differentiation(of="blue", touching="green", into="red", area=1e3).apply(simulation)
+    assert [c.type for c in simulation.cells] == ["blue", "green", "red"]
+
+
+def test_changes_act_as_if_the_scene_had_been_so() -> None:
+    changed = start(ball("a"), ball("b", 9.5))
+    CellChange(cells=["a"], values={"gamma": 0.5, "volume": 400.0}).apply(changed)
+    PhysicsChange(values={"sigma": 0.5, "g": 2.0}).apply(changed)
+    given = start(ball("a", gamma=0.5, volume=400.0), ball("b", 9.5), sigma=0.5, g=2.0)
+    for simulation in (changed, given):
+        simulation.step(10)
+    np.testing.assert_array_equal(changed.volumes, given.volumes)
+    np.testing.assert_array_equal(changed.centroids, given.centroids)
+
+
+def test_changes_are_checked() -> None:
+    simulation = start(ball("a"))
+    with pytest.raises(ValueError, match="'size' is not known"):
+        simulation.change_cells(["a"], size=3)
+    with pytest.raises(ValueError, match=r"physics\.tau"):
+        simulation.change_physics(tau=-1.0)
+    with pytest.raises(ValueError, match="'gama' is not known"):
+        simulation.change_physics(gama=0.3)
+    assert simulation.physics == Physics()

@@ -1,0 +1,194 @@
+"""Stages: when they end, what they start with, in runs and in scene files."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from morphosim import (
+    Attraction,
+    Cell,
+    Numerics,
+    Physics,
+    RunWriter,
+    Scene,
+    Simulation,
+    Sphere,
+    load_scene,
+    open_run,
+    save_scene,
+)
+from morphosim.events import CellChange, Differentiation, Division, PhysicsChange, Removal
+from morphosim.stages import Duration, QuasiSteady, Stage, Steady, When
+
+DIVISION = Division(cell="m", daughters=("a", "b"), axis=(1, 0, 0), fraction=0.55)
+
+
+def scene(*stages: Stage, **options: Any) -> Scene:
+    cells = [Cell(name="m", shape=Sphere(center=(0, 0, 0), radius=5), type="x")]
+    return Scene(
+        **({"cells": cells, "physics": Physics(kappa=0.05), "duration": 1e4} | options),
+        numerics=Numerics(threads=1), stages=stages,
+    )  # fmt: skip
+
+
+def ran(chosen: Scene, folder: Path, until: float | None = None) -> Simulation:
+    simulation = Simulation(chosen)
+    simulation.run(until=until, observers=[RunWriter(folder, 50)])
+    return simulation
+
+
+def test_a_run_goes_through_its_stages(tmp_path: Path) -> None:
+    simulation = ran(
+        scene(
+            Stage(name="one", end=Duration(15)),
+            Stage(name="two", end=Duration(30), events=[DIVISION], physics={"sigma": 0.3}),
+        ),
+        tmp_path,
+    )
+    assert simulation.time == 46
+    assert simulation.names == ["a", "b"]
+    assert simulation.physics.attraction.default == 0.3
+    with open_run(tmp_path) as run:
+        assert run["time"].values.tolist() == [0, 16, 46]
+        assert run["stage"].values.tolist() == ["", "one", "two"]
+        alive = np.isfinite(run["volume"].values)
+        assert alive.tolist() == [[True, False, False]] * 2 + [[False, True, True]]
+        lineage = run.morpho.lineage()
+        assert set(lineage.edges) == {("m", "a"), ("m", "b")}
+
+
+def test_a_steady_stage_ends_when_cells_rest() -> None:
+    quiet = scene(
+        Stage(name="two", end=Steady(2e-3), events=[DIVISION]), physics=Physics(kappa=0.0)
+    )
+    simulation = Simulation(quiet)
+    speeds, before = [], None
+
+    class Look:
+        def start(self, simulation: Simulation) -> None:
+            pass
+
+        def after_step(self, simulation: Simulation) -> None:
+            nonlocal before
+            if simulation.time % 10 == 0:
+                now = simulation.centroids
+                if before is not None:
+                    moved = ((now - before) ** 2).sum(axis=1)
+                    speeds.append(np.sqrt(moved.mean()) / 10)
+                before = now
+
+        def finish(self, simulation: Simulation) -> None:
+            pass
+
+    simulation.run(observers=[Look()])
+    assert speeds[-1] < 2e-3
+    assert min(speeds[:-1]) > 2e-3
+
+
+def test_a_quasi_steady_stage_ends_with_the_state_of_the_minimum(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    speeds = iter([5.0, 3.0, 2.0, 4.0])
+    monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
+    chosen = scene(Stage(name="q", end=QuasiSteady()))
+    simulation = Simulation(chosen)
+    simulation.run(observers=[RunWriter(tmp_path, 4)])
+    assert simulation.time == 30  # found at 40
+    plain = Simulation(chosen)
+    plain.step(15)
+    np.testing.assert_array_equal(simulation.fields[0].phi, plain.fields[0].phi)
+    with open_run(tmp_path) as run:
+        assert run["time"].values.tolist() == [*range(0, 30, 4), 30]
+        assert np.isfinite(run["rms_speed"].values[1:]).all()
+
+
+def test_a_limit_and_a_condition_end_a_stage() -> None:
+    limited = Simulation(scene(Stage(name="s", end=Steady(1e-9), limit=25.0)))
+    limited.run()
+    assert limited.time == 26
+    asked = Simulation(scene(Stage(name="w", end=When(lambda s: s.time > 12))))
+    asked.run()
+    assert asked.time == 20  # the next check
+
+
+@pytest.mark.parametrize("until", [16.0, 24.0, 60.0])
+def test_a_staged_run_goes_on_to_the_same_bits(tmp_path: Path, until: float) -> None:
+    chosen = scene(
+        Stage(name="one", end=Duration(15)),
+        Stage(name="two", end=QuasiSteady(), limit=200, events=[DIVISION]),
+        Stage(
+            name="three", end=Duration(10), physics={"sigma": Attraction(default=0.5, sisters=0.1)}
+        ),
+    )  # fmt: skip
+    whole = ran(chosen, tmp_path / "whole")
+    ran(chosen, tmp_path / "parts", until)
+    again = Simulation.from_run(tmp_path / "parts")
+    again.run(observers=[RunWriter(tmp_path / "parts", 50, resume=True)])
+    first, second = whole.snapshot(), again.snapshot()
+    assert first.names == second.names == ["a", "b"]
+    assert (first.steps, first.stage, first.physics) == (second.steps, second.stage, second.physics)
+    for name, values in first.arrays.items():
+        np.testing.assert_array_equal(values, second.arrays[name], err_msg=name)
+    with open_run(tmp_path / "parts") as run:
+        assert set(run["stage"].values) == {"", "one", "two", "three"}
+
+
+def test_stages_in_a_scene_file(tmp_path: Path) -> None:
+    sigma = Attraction(default=0.5, sisters=0.0, pairs={("a", "b"): 0.2})
+    stages = (
+        Stage(name="one", end=Duration(15.0), events=[Removal(cells=["n"])]),
+        Stage(
+            name="two", end=QuasiSteady(), limit=200.0, physics={"sigma": sigma, "g": 2.0},
+            events=[
+                Division(cell="m", daughters=("a", "b"), axis=[1.0, 0, 0], types=("x", "y")),
+                Differentiation(of="x", touching="y", into="z", area=2.0),
+                CellChange(cells=["a"], values={"gamma": 0.5}),
+                PhysicsChange(values={"kappa": 0.1}),
+            ],
+        ),
+        Stage(name="three", end=Steady(2e-4)),
+    )  # fmt: skip
+    save_scene(scene(*stages), tmp_path / "scene.toml")
+    read = load_scene(tmp_path / "scene.toml").stages
+    assert [stage.name for stage in read] == ["one", "two", "three"]
+    assert [stage.end for stage in read] == [stage.end for stage in stages]
+    assert read[1].physics == stages[1].physics
+    division, *others = read[1].events
+    assert (division.cell, division.daughters, list(division.types)) == (
+        "m",
+        ("a", "b"),
+        ["x", "y"],
+    )
+    assert others == list(stages[1].events[1:])
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ('end = {kind = "steady"}', "needs a name and an end"),
+        ('name = "s"\nend = {kind = "stedy"}', "did you mean 'steady'"),
+        ('name = "s"\nend = {kind = "duration", time = -1}', "duration = -1"),
+        ('name = "s"\nend = "steady"', "expected a table with a kind"),
+        ('name = "s"\nend = {kind = "steady"}\nevents = [{kind = "fission"}]', "'fission'"),
+        ('name = "s"\nend = {kind = "steady"}\nphysics = {gama = 1}', "'gamma'"),
+    ],
+)
+def test_wrong_stages_in_a_file(tmp_path: Path, text: str, error: str) -> None:
+    cell = '[[cells]]\nname = "m"\nshape = {kind = "sphere", center = [0, 0, 0], radius = 5}\n'
+    (tmp_path / "scene.toml").write_text(f"{cell}[[stages]]\n{text}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=error):
+        load_scene(tmp_path / "scene.toml")
+
+
+def test_what_a_file_cannot_say(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"stage 'w': .* cannot be written"):
+        save_scene(scene(Stage(name="w", end=When(lambda s: True))), tmp_path / "scene.toml")
+
+
+def test_stages_are_checked_when_made() -> None:
+    with pytest.raises(TypeError, match="is no end"):
+        Stage(name="s", end="steady")
+    with pytest.raises(TypeError, match="is no event"):
+        Stage(name="s", end=Steady(), events=["divide"])
