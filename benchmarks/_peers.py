@@ -69,7 +69,7 @@ def problem(scene: Scene, size: tuple[float, float, float]) -> Problem:
         scene=scene,
         phi=phi,
         wall=wall_repulsion(scene.confinement, physics.g_e, gamma, scene.numerics)(*points),
-        sigma=physics.attraction.matrix(scene.names, scene.types),
+        sigma=physics.attraction.matrix(scene.names, scene.types, scene.parents),
         targets=np.array([cell.target_volume(0.0) for cell in scene.cells]),
     )
 

@@ -78,7 +78,7 @@ def full_grid_states(
     for k, f in enumerate(start.fields):
         first = f.origin - low
         phi[(k, *map(slice, first, first + f.phi.shape))] = f.phi
-    sigma = scene.physics.attraction.matrix(scene.names, scene.types)
+    sigma = scene.physics.attraction.matrix(scene.names, scene.types, scene.parents)
     model = fg.Model(h=spacing, sigma=sigma if len(phi) > 1 else None, targets=start.targets)
     wanted = {round(time / dt): time for time in times}
     result = []

@@ -1,7 +1,8 @@
-"""Attraction σ between cells: one value, by cell type, or pair by pair (Eq. 4 of the paper)."""
+"""Attraction σ between cells: one value, by type, of sisters, or by pair (Eq. 4 of the paper)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +16,15 @@ Pair = tuple[str, str]
 class Attraction:
     """Strength σ[j, i] with which cell j pulls on cell i; σ need not be symmetric.
 
-    The most specific statement holds: a pair of cells, else a pair of types, else `default`.
+    The most specific statement holds: a pair of cells, else `sisters`, else a pair of types, else
+    `default`.
 
     Attributes
     ----------
     default : float
         σ between any two cells.
+    sisters : float, optional
+        σ between cells of the same known parent; by default they are as any two cells.
     types : mapping of (type j, type i) to float
         σ by cell type. Where only one order of two types is given it holds for both.
     pairs : mapping of (cell j, cell i) to float
@@ -40,11 +44,14 @@ class Attraction:
     """
 
     default: float = 0.0
+    sisters: float | None = None
     types: Mapping[Pair, float] = field(default_factory=dict)
     pairs: Mapping[Pair, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _validate.number("sigma.default", self.default, least=0)
+        if self.sisters is not None:
+            _validate.number("sigma.sisters", self.sisters, least=0)
         for label, table in (("types", self.types), ("pairs", self.pairs)):
             _validate.instance(f"sigma.{label}", table, Mapping)
             for key, value in table.items():
@@ -78,35 +85,47 @@ class Attraction:
         return cls(default=default, pairs=pairs | asymmetric)
 
     def strongest(self, types: Sequence[str]) -> float:
-        """Largest σ by type, for cells of these types, or of a pair."""
-        return max([float(self.type_matrix(sorted(set(types))).max()), *self.pairs.values()])
+        """Largest σ by type, for cells of these types, of sisters, now or to come, or of a pair."""
+        by_type = float(self.type_matrix(sorted(set(types))).max())
+        return max([by_type, self.sisters or 0.0, *self.pairs.values()])
 
     def of_types(self, j: str, i: str) -> float:
         """σ between cells of type j (pulling) and type i (pulled)."""
         return self.types.get((j, i), self.types.get((i, j), self.default))
 
-    def of_pair(self, j: str, i: str) -> float | None:
-        """σ stated for the pair of cells j (pulling) and i (pulled), or None."""
-        return self.pairs.get((j, i), self.pairs.get((i, j)))
-
     def type_matrix(self, types: Sequence[str]) -> NDArray[np.float64]:
         """(K, K) σ by type, [j, i]."""
         return np.array([[self.of_types(j, i) for i in types] for j in types])
 
-    def stated_pairs(self) -> set[Pair]:
-        """Both orders of every pair that has a value of its own."""
-        return set(self.pairs) | {(i, j) for j, i in self.pairs}
+    def exceptions(
+        self, names: Sequence[str], parents: Sequence[str] | None = None
+    ) -> dict[tuple[int, int], float]:
+        """σ by (j, i), numbers of cells, of all pairs whose σ their types do not tell.
+
+        These are the stated pairs and, where `sisters` is given, cells of the same parent; ""
+        is no parent.
+        """
+        found: dict[tuple[int, int], float] = {}
+        if self.sisters is not None and parents is not None:
+            found = dict.fromkeys(_sister_pairs(parents), self.sisters)
+        index = {name: k for k, name in enumerate(names)}
+        reversed_pairs = {(i, j): value for (j, i), value in self.pairs.items()}
+        for (j, i), value in (reversed_pairs | dict(self.pairs)).items():
+            if i != j and j in index and i in index:
+                found[index[j], index[i]] = value
+        return found
 
     def matrix(
-        self, names: Sequence[str], types: Sequence[str] | None = None
+        self,
+        names: Sequence[str],
+        types: Sequence[str] | None = None,
+        parents: Sequence[str] | None = None,
     ) -> NDArray[np.float64]:
-        """Full (N, N) matrix σ[j, i] for cells with the given names and types; diagonal 0."""
+        """Full (N, N) matrix σ[j, i] for cells with these names, types and parents; diagonal 0."""
         kinds = types if types is not None else [""] * len(names)
         sigma = np.array([[self.of_types(j, i) for i in kinds] for j in kinds])
-        index = {name: k for k, name in enumerate(names)}
-        for j, i in self.stated_pairs():
-            if j in index and i in index:
-                sigma[index[j], index[i]] = self.of_pair(j, i)
+        for (j, i), value in self.exceptions(names, parents).items():
+            sigma[j, i] = value
         np.fill_diagonal(sigma, 0.0)
         return sigma
 
@@ -122,3 +141,12 @@ class Attraction:
         for j, i in self.types:
             _validate.choice(f"type in sigma.types[{j!r}, {i!r}]", j, known)
             _validate.choice(f"type in sigma.types[{j!r}, {i!r}]", i, known)
+
+
+def _sister_pairs(parents: Sequence[str]) -> list[tuple[int, int]]:
+    """Both orders of all pairs of cells that have the same parent."""
+    families: dict[str, list[int]] = {}
+    for cell, parent in enumerate(parents):
+        if parent:
+            families.setdefault(parent, []).append(cell)
+    return [pair for cells in families.values() for pair in permutations(cells, 2)]

@@ -1,6 +1,6 @@
 """From a scene's attraction to what kernels need: σ by type, and the pairs that differ."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,17 @@ class Interactions:
     """Types, σ by type and exceptional pairs of a list of cells.
 
     Where σ by type is one value, all cells count as one type: one accumulated field serves all.
+    Sisters and stated pairs are exceptional if their σ is not that of their types.
+
+    Parameters
+    ----------
+    attraction : Attraction
+    g : float
+        Repulsion between cells (Eq. 3).
+    names, types : of the N cells
+    dtype : of the fields
+    parents : of the N cells, optional
+        Names of their mothers, "" where not known; by default none has sisters.
 
     Attributes
     ----------
@@ -30,6 +41,7 @@ class Interactions:
         names: Sequence[str],
         types: Sequence[str],
         dtype: DTypeLike,
+        parents: Sequence[str] | None = None,
     ) -> None:
         kind: np.dtype[Any] = np.dtype(dtype)
         known = sorted(set(types))
@@ -39,7 +51,7 @@ class Interactions:
             pull, index = pull[:1, :1], np.zeros(len(types), np.int64)
         self.interaction = Interaction(g=kind.type(g), types=index, pull=pull.astype(kind))
         self.n_fields = len(pull) if pull.any() else 0
-        self.pairs = _pairs(attraction, names, pull, index, kind)
+        self.pairs = _pairs(attraction.exceptions(names, parents), pull, index, kind)
 
     @property
     def attracts(self) -> bool:
@@ -48,29 +60,19 @@ class Interactions:
 
 
 def _pairs(
-    attraction: Attraction,
-    names: Sequence[str],
+    exceptions: Mapping[tuple[int, int], float],
     pull: NDArray[np.float64],
     types: NDArray[np.int64],
     dtype: np.dtype,
 ) -> Pairs | None:
-    number = {name: i for i, name in enumerate(names)}
-    rows: list[tuple[int, int, float]] = []
-    for j, i in attraction.stated_pairs():
-        if j not in number or i not in number or j == i:
-            continue
-        value = attraction.of_pair(j, i)
-        assert value is not None
-        weight = value - pull[types[number[j]], types[number[i]]]
-        if weight != 0:
-            rows.append((number[i], number[j], weight))
+    weights = {(i, j): value - pull[types[j], types[i]] for (j, i), value in exceptions.items()}
+    rows = sorted((i, j, weight) for (i, j), weight in weights.items() if weight != 0)
     if not rows:
         return None
-    rows.sort()
     pulled = np.array([i for i, _, _ in rows])
     return Pairs(
-        start=np.searchsorted(pulled, np.arange(len(names) + 1)).astype(np.int64),
+        start=np.searchsorted(pulled, np.arange(len(types) + 1)).astype(np.int64),
         cell=np.array([j for _, j, _ in rows], np.int64),
         weight=np.array([w for _, _, w in rows], dtype),
-        frame_start=np.full(len(names), -1),
+        frame_start=np.full(len(types), -1),
     )
