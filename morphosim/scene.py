@@ -1,7 +1,7 @@
 """What is modelled: cells, their physics and confinement, and how they are solved."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from morphosim.shapes import Field, PowerCell, Shape
 from morphosim.stages import Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
+_PHYSICS = [f.name for f in fields(Physics)]
 SAVE_FIELDS = ("packed", "exact", "none")
 VolumeFunction = Callable[[float], float]
 
@@ -176,6 +177,8 @@ class Scene:
         object.__setattr__(self, "stages", tuple(self.stages))
         for k, stage in enumerate(self.stages):
             _validate.instance(f"scene.stages[{k}]", stage, Stage)
+            _validate.keys(f"physics of stage {stage.name!r}", stage.physics, _PHYSICS)
+            replace(self.physics, **stage.physics)  # raises where a value is not allowed
         self.physics.attraction.check_names(self.names, self.types)
 
     @property

@@ -15,6 +15,7 @@ import warnings
 
 import numpy as np
 
+from morphosim.physics import Physics
 from morphosim.scene import Cell, Scene
 from morphosim.schemes import largest_eigenvalue
 from morphosim.walls import wall_strength
@@ -91,9 +92,11 @@ def _stabilisation(scene: Scene) -> str:
 
 
 def _attraction(scene: Scene) -> str:
-    if len(scene.cells) == 1:
+    if len(scene.cells) == 1 and not scene.stages:
         return ""
-    strongest = scene.physics.attraction.strongest(scene.types)
+    stated = [stage.physics["sigma"] for stage in scene.stages if "sigma" in stage.physics]
+    sigmas = [scene.physics.attraction, *(Physics(sigma=sigma).attraction for sigma in stated)]
+    strongest = max(sigma.strongest(scene.types) for sigma in sigmas)
     softest = min(_tensions(scene))
     limit = STRONGEST_ATTRACTION["long" if scene.numerics.dt > 1 else "short"]
     if strongest <= limit * softest:

@@ -21,7 +21,7 @@ def scenes() -> None:
     from morphosim.library import built_in_scene, scene_names
 
     for name in scene_names():
-        typer.echo(f"{name:18} {built_in_scene(name).description}")
+        typer.echo(f"{name:24} {built_in_scene(name).description}")
 
 
 @app.command()
