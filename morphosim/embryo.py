@@ -64,7 +64,8 @@ def embryo(
     groups : int, optional
         Number of division groups; by default all.
     stages : sequence of Stage
-        Take the place of the first stages: the one-cell stage, and one per group.
+        Come first; groups that divide in them are left out of the rest. By default one stage of
+        the first cell alone.
     attraction : Attraction, optional
         Of the other stages; by default the paper's, weak between sisters and else strong.
     end, limit : of the other stages; by default `Steady` or a time of 1000
@@ -73,18 +74,18 @@ def embryo(
     **options
         Other fields of `Scene`.
     """
-    sigma = attraction or LATER
     (root,) = lineage.roots
-    known = lineage.groups()[:groups]
     first = Stage(name="1-cell", end=end or Steady(), limit=limit)
-    others = [
+    plan = list(stages) or [first]
+    divided = {e.cell for stage in plan for e in stage.events if isinstance(e, Division)}
+    plan += [
         Stage(
             name=f"{group.cells_after}-cell", end=end or Steady(), limit=limit,
-            physics={"sigma": sigma}, events=divisions(lineage, group.mothers, measured),
+            physics={"sigma": attraction or LATER},
+            events=divisions(lineage, group.mothers, measured),
         )
-        for group in known
+        for group in lineage.groups()[:groups] if not divided.issuperset(group.mothers)
     ]  # fmt: skip
-    plan = [*stages, *[first, *others][len(stages) :]]
     return Scene.from_points(
         [root], [center], [lineage.volume(root)], confinement, stages=plan,
         **({"duration": 1e6, "save_every": 500.0} | options),
@@ -132,7 +133,7 @@ def celegans_1_to_8(weak: bool = True, measured: Collection[str] = (), **options
     """C. elegans in its eggshell from one to eight cells (Supplementary Note 1)."""
     lineage = read_lineage()
     kind = "weak" if weak else "strong"
-    named = {
+    named: dict[str, Any] = {
         "name": f"celegans-1-to-8{'' if weak else '-strong'}",
         "description": f"C. elegans from one to eight cells, {kind} ABpl-E attraction",
     }
@@ -145,18 +146,11 @@ def celegans_1_to_8(weak: bool = True, measured: Collection[str] = (), **options
 def celegans_1_to_102(measured: Collection[str] = (), **options: Any) -> Scene:
     """C. elegans in its eggshell from one to 102 cells, in 24 division groups (paper §3.1)."""
     lineage = read_lineage()
-    named = {
+    named: dict[str, Any] = {
         "name": "celegans-1-to-102",
         "description": "C. elegans from one to 102 cells in 24 division groups",
         "numerics": Numerics.preset("fast", dt=1.5),
     }
     early = first_eight(lineage, True, measured)
     early[-1] = replace(early[-1], end=Steady(), limit=EQUILIBRIUM_LIMIT)
-    later = [
-        Stage(
-            name=f"{group.cells_after}-cell", end=Steady(), limit=EQUILIBRIUM_LIMIT,
-            physics={"sigma": LATER}, events=divisions(lineage, group.mothers, measured),
-        )
-        for group in lineage.groups() if group.cells_after > 8
-    ]  # fmt: skip
-    return embryo(lineage, EGGSHELL, CENTER, groups=0, stages=[*early, *later], **(named | options))
+    return embryo(lineage, EGGSHELL, CENTER, stages=early, measured=measured, **(named | options))
