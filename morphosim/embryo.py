@@ -93,11 +93,12 @@ def embryo(
 
 
 def first_eight(
-    lineage: Lineage, weak: bool = True, measured: Collection[str] = (), duration: float = 10000.0
+    lineage: Lineage, weak: bool = True, measured: Collection[str] = (), duration: float = 15000.0
 ) -> list[Stage]:
     """Stages A to H of Supplementary Note 1, from one to eight cells of C. elegans.
 
-    `weak` is the attraction between ABpl and E; with it the embryo stays three-dimensional.
+    `weak` is the attraction between ABpl and E; with it the embryo stays three-dimensional. Without
+    it it collapses into a plane some 12000 units of time after the last division.
     """
     strong = {"sigma": Attraction(default=SIGMA_STRONG)}
     motif = {("EMS", "P2"): SIGMA_WEAK}

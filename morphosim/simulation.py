@@ -29,7 +29,11 @@ OUTSIDE_ALLOWED = 0.5
 
 
 class Observer(Protocol):
-    """Something that watches a run: a writer, a progress bar, a user's own function."""
+    """Something that watches a run: a writer, a progress bar, a user's own function.
+
+    One that also has `stage_ended(simulation)` is told of a stage's last step by that instead of
+    `after_step`; the simulation may have gone back to an earlier state then.
+    """
 
     def start(self, simulation: "Simulation") -> None:
         """Before the first step of a run."""
@@ -57,7 +61,7 @@ class Simulation:
         The cells that are alive, in the order of the engine.
     engine : Engine
     removed : list of (time, name)
-        Cells that vanished and were taken out (`Scene.on_vanish = "remove"`).
+        Cells that were taken out, or vanished where `Scene.on_vanish` is "remove".
     stage : str
         Name of what the simulation is doing; free for the user to set, and saved.
     error : str
@@ -347,6 +351,7 @@ class Simulation:
         Parameters
         ----------
         until : float, optional
+            By default the scene's stages end the run, or its duration.
         observers : sequence of Observer
             Each is told of the start, of every step and of the end, however the run ends.
 

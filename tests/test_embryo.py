@@ -34,7 +34,7 @@ def test_the_first_eight_cells_come_in_order() -> None:
     eight = scene.stages[-1].physics["sigma"]
     assert eight.pairs == {("ABpl", "E"): 0.0}
     assert not celegans_1_to_8(weak=False).stages[-1].physics["sigma"].pairs
-    assert scene.stages[-1].end == Duration(10000.0)
+    assert scene.stages[-1].end == Duration(15000.0)
 
 
 def test_the_measured_axis_of_ab_is_at_hand() -> None:
