@@ -15,6 +15,8 @@ from morphosim.stages import Duration, End, QuasiSteady, Stage, Steady
 
 SIGMA_STRONG, SIGMA_WEAK = 0.5, 0.0
 """Attraction that the paper infers (Note 1.4)."""
+LIMIT = 10000.0
+"""*In silico* time after which a stage up to 8 cells ends, steady or not."""
 EQUILIBRIUM_LIMIT = 1000.0
 """*In silico* time after which a stage beyond 8 cells ends, in equilibrium or not."""
 LATER = Attraction(default=SIGMA_STRONG, sisters=SIGMA_WEAK)
@@ -110,20 +112,20 @@ def first_eight(
         return divisions(lineage, mothers, measured)
 
     return [
-        Stage(name="1-cell", end=Steady(), limit=5000.0),
-        Stage(name="2-cell", end=Steady(), limit=5000.0, events=into("P0")),
-        Stage(name="3-cell", end=Steady(), limit=5000.0, events=into("AB")),
-        Stage(name="4-cell, no attraction", end=Steady(), limit=5000.0, events=into("P1")),
-        Stage(name="4-cell, attraction", end=Steady(), limit=5000.0, physics=strong),
+        Stage(name="1-cell", end=Steady(), limit=LIMIT),
+        Stage(name="2-cell", end=Steady(), limit=LIMIT, events=into("P0")),
+        Stage(name="3-cell", end=Steady(), limit=LIMIT, events=into("AB")),
+        Stage(name="4-cell, no attraction", end=Steady(), limit=LIMIT, events=into("P1")),
+        Stage(name="4-cell, attraction", end=Steady(), limit=LIMIT, physics=strong),
         Stage(
-            name="4-cell", end=Steady(), limit=5000.0,
+            name="4-cell", end=Steady(), limit=LIMIT,
             physics={"sigma": Attraction(default=SIGMA_STRONG, pairs=motif)},
         ),
         Stage(
-            name="6-cell", end=QuasiSteady(), limit=5000.0, physics={"sigma": LATER},
+            name="6-cell", end=QuasiSteady(), limit=LIMIT, physics={"sigma": LATER},
             events=into("ABa", "ABp"),
         ),
-        Stage(name="7-cell", end=QuasiSteady(), limit=5000.0, events=into("EMS")),
+        Stage(name="7-cell", end=QuasiSteady(), limit=LIMIT, events=into("EMS")),
         Stage(
             name="8-cell", end=Duration(duration), physics={"sigma": eight}, events=into("P2")
         ),

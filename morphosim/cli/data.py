@@ -1,4 +1,4 @@
-"""Commands on saved runs: `info`, `contacts`, `pack`, `export`."""
+"""Commands on saved runs: `info`, `contacts`, `pack`, `export`, `quality-control`."""
 
 import json
 from pathlib import Path
@@ -104,3 +104,22 @@ def export(
         files = write(data, target, to, time, lambda done, of: tell(f"export to {to}", done, of))
     size = sum(file.stat().st_size for file in files)
     typer.echo(f"{target}: {len(files)} files, {size / 1e6:.1f} MB")
+
+
+@app.command("quality-control")
+def quality_control(
+    directory: Annotated[Path, typer.Argument(help="directory or packed file of a run")],
+    json_file: Annotated[
+        Path | None, typer.Option("--json", help="write the criteria to this file as well")
+    ] = None,
+) -> None:
+    """Judge a run of celegans-1-to-8 by criteria A to H of Supplementary Note 1."""
+    from morphosim.qualitycontrol import quality_control as judge
+    from morphosim.qualityreport import report_text, to_json
+    from morphosim.runs.reader import open_run
+
+    with open_run(directory) as data:
+        criteria = judge(data)
+    if json_file is not None:
+        json_file.write_text(to_json(criteria) + "\n", encoding="utf-8")
+    typer.echo(report_text(criteria))
