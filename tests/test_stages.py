@@ -135,6 +135,24 @@ def test_a_staged_run_goes_on_to_the_same_bits(tmp_path: Path, until: float) -> 
         assert set(run["stage"].values) == {"", "one", "two", "three"}
 
 
+def test_a_branch_from_within_the_stages(tmp_path: Path) -> None:
+    chosen = scene(
+        Stage(name="one", end=Duration(20)),
+        Stage(name="two", end=Duration(40), events=[DIVISION], physics={"sigma": 0.3}),
+    )
+    ran(chosen, tmp_path)
+    first = Simulation.from_run(tmp_path, time=20)
+    assert (first.names, first.physics.attraction.default, first.scene.stages) == (["m"], 0, ())
+    later = Simulation.from_run(tmp_path, time=60)
+    assert (later.names, later.physics.attraction.default) == (["a", "b"], 0.3)
+    assert [cell.parent for cell in later.cells] == ["m", "m"]
+    assert [cell.type for cell in later.cells] == ["x", "x"]
+    with open_run(tmp_path) as run:
+        wanted = run["target_volume"].isel(time=-1).sel(cell=["a", "b"])
+        np.testing.assert_allclose(later.targets, wanted)
+    later.run(until=4)
+
+
 def test_stages_in_a_scene_file(tmp_path: Path) -> None:
     sigma = Attraction(default=0.5, sisters=0.0, pairs={("a", "b"): 0.2})
     stages = (

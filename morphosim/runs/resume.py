@@ -1,15 +1,18 @@
 """Going on from a saved run: exactly, or with another scene."""
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from morphosim.fields import CellField
 from morphosim.runs.fields import load_fields, time_index
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
-from morphosim.scene import Scene
-from morphosim.scenefile import load_scene, settings
+from morphosim.scene import Cell, Scene
+from morphosim.scenefile import load_scene, physics_of, settings
+from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
 
 
@@ -84,11 +87,41 @@ def branched_scene(directory: Path, scene: Scene | None, time: float | None) -> 
 
     See `Simulation.from_run`.
     """
-    own = saved_scene(directory) if scene is None else scene
     with open_run(directory) as run:
-        fields = load_fields(run, time_index(run, time))
+        index = time_index(run, time)
+        fields = load_fields(run, index)
         spacing = float(run.attrs["spacing_um"])
-    if scene is None:
-        alive = {field.name for field in fields}
-        own = replace(own, cells=[cell for cell in own.cells if cell.name in alive])
-    return own.with_fields(fields, spacing)
+        if scene is None:
+            scene = _scene_at(directory, run.isel(time=index), fields)
+    return scene.with_fields(fields, spacing)
+
+
+def _scene_at(directory: Path, save: Any, fields: Sequence[CellField]) -> Scene:
+    """A run's own scene with the cells and physics of one save, and without its stages."""
+    scene = saved_scene(directory)
+    known = {cell.name: cell for cell in scene.cells}
+    cells = []
+    for field in fields:
+        row = save.sel(cell=field.name)
+        kind, parent = str(row["type"].item()), str(row["parent"].item())
+        born = field.name not in known
+        cells.append(
+            Cell(
+                name=field.name, type=kind, parent=parent, volume=float(row["target_volume"]),
+                shape=Field(phi=field.phi, spacing=scene.numerics.spacing),
+            ) if born else replace(known[field.name], type=kind)
+        )  # fmt: skip
+    physics = physics_of(_physics_at(directory, int(save["step"])), [])
+    return replace(scene, cells=cells, stages=(), physics=physics)
+
+
+def _physics_at(directory: Path, step: int) -> dict[str, Any]:
+    """Physics that held at a save."""
+    import netCDF4
+
+    for path in reversed(RunDirectory(directory).saves):
+        with netCDF4.Dataset(path) as file:
+            if int(file["step"][0]) == step:
+                return dict(json.loads(file.getncattr("physics")))
+    message = f"{directory} has no save of step {step}"
+    raise FileNotFoundError(message)

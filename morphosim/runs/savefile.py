@@ -97,7 +97,7 @@ def provenance(simulation: "Simulation") -> dict[str, Any]:
         "spacing_um": scene.numerics.spacing,
         "dt": scene.numerics.dt,
         "seed": scene.numerics.seed,
-        "physics": json.dumps(physics_table(scene.physics)),
+        "physics": json.dumps(physics_table(simulation.physics)),
         "numerics": json.dumps(numerics_table(scene.numerics)),
         "confinement": repr(scene.confinement),
         "versions": json.dumps(versions()),
