@@ -8,13 +8,15 @@ The paper gives minutes in vivo and not the steps behind them. That 5 minutes ar
 δt = 2 is inferred from its time per step, so a minute in vivo is taken as 2000 of *in silico*
 time, at δt = 1.5: 5 minutes are 6667 steps. Nor are its cells published. Here they have equal
 volumes that sum to that of the eight-cell embryo, about points that Lloyd's iteration spreads in
-the same eggshell, and σ = 0.5 between all. The published figures are of a Tesla P100 and of a Xeon
-E5-2680 v3. Writes a table, and JSON on request.
+the same eggshell, and σ = 0.5 between all; `--run DIR` takes the states of a run of
+celegans-1-to-102 instead (26 cells for 25). The published figures are of a Tesla P100 and of a
+Xeon E5-2680 v3. Writes a table, and JSON on request.
 """
 
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from _common import alternating_medians, arguments, report, stepper
 from _scenes import embryo
 from scipy.spatial import cKDTree
 
-from morphosim import EllipsoidShell, Numerics, Physics, Scene, Simulation
+from morphosim import EllipsoidShell, Numerics, Physics, Scene, Simulation, open_run
 from morphosim.bench import PACKED_DT, PER_MINUTE
 
 PUBLISHED = {
@@ -74,6 +76,15 @@ def shell_scene(count: int, numerics: Numerics) -> Scene:
     )  # fmt: skip
 
 
+def lineage_scene(run: str, count: int, numerics: Numerics) -> Scene:
+    """The end of a stage of celegans-1-to-102, of so many cells or the next that there is."""
+    with open_run(run) as data:
+        cells = np.isfinite(data["volume"].values).sum(axis=1)
+        enough = cells[cells >= count].min()
+        time = float(data["time"].values[np.flatnonzero(cells == enough)[-1]])
+    return replace(Simulation.from_run(run, time=time).scene, numerics=numerics)
+
+
 def step_count(cells: int) -> int:
     """Steps of one row."""
     return round(PUBLISHED[cells][0] * PER_MINUTE / PACKED_DT)
@@ -108,12 +119,12 @@ def rows(cells: int, presets: Sequence[str], options: Any) -> list[dict[str, Any
     vivo, gpu, cpu = PUBLISHED[cells]
     steps = step_count(cells)
     say(f"{cells} cells: building")
-    simulations = {
-        preset: Simulation(
-            shell_scene(cells, Numerics.preset(preset, dt=PACKED_DT, threads=options.threads))
-        )
-        for preset in presets
-    }
+    numerics = [Numerics.preset(p, dt=PACKED_DT, threads=options.threads) for p in presets]
+    scenes = [
+        lineage_scene(options.run, cells, n) if options.run else shell_scene(cells, n)
+        for n in numerics
+    ]
+    simulations = dict(zip(presets, map(Simulation, scenes), strict=True))
     say(f"{cells} cells: {'running' if options.full else 'timing'}")
     if options.full:
         seconds = whole_runs(simulations, steps)
@@ -121,7 +132,7 @@ def rows(cells: int, presets: Sequence[str], options: Any) -> list[dict[str, Any
         seconds = estimated(simulations, steps, options.rounds)
     return [
         {
-            "cells": cells,
+            "cells": len(simulations[preset].cells),
             "min in vivo": vivo,
             "steps": steps,
             "preset": preset,
@@ -142,7 +153,7 @@ def main() -> None:
     """Measure and report."""
     options = arguments(
         __doc__, cells=",".join(map(str, PUBLISHED)), presets="fast,standard", rounds=50,
-        threads=0, full=False,
+        threads=0, full=False, run="",
     )  # fmt: skip
     presets = options.presets.split(",")
     for preset in presets:  # compiles
