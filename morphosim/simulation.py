@@ -62,6 +62,8 @@ class Simulation:
     engine : Engine
     removed : list of (time, name)
         Cells that were taken out, or vanished where `Scene.on_vanish` is "remove".
+    events : list of (time, text)
+        What has changed the simulation between steps: divisions, removals, changes.
     stage : str
         Name of what the simulation is doing; free for the user to set, and saved.
     error : str
@@ -93,6 +95,7 @@ class Simulation:
     cells: list[Cell] = field(init=False)
     engine: Engine = field(init=False)
     removed: list[tuple[float, str]] = field(init=False, default_factory=list)
+    events: list[tuple[float, str]] = field(init=False, default_factory=list)
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
     _progress: Progress = field(init=False)
@@ -258,6 +261,7 @@ class Simulation:
         shares = (fraction * target, (1 - fraction) * target) if volumes is None else volumes
         kinds = (mother.type, mother.type) if types is None else types
         self.engine.divide(i, daughters, kinds, halves)
+        self._tell(f"division of {cell} into {daughters[0]} and {daughters[1]}")
         self.cells[i : i + 1] = []
         for half, kind, share in zip(halves, kinds, shares, strict=True):
             shape = Field(phi=half.phi, origin=half.origin * spacing, spacing=spacing)
@@ -297,6 +301,8 @@ class Simulation:
         for i in places:
             self.cells[i] = replace(self.cells[i], **values)
         if places:
+            names = ", ".join(self.names[i] for i in places)
+            self._tell(f"change of {', '.join(values)} of {names}")
             self._apply_change(self.physics)
 
     def change_physics(self, **values: Any) -> None:
@@ -309,6 +315,7 @@ class Simulation:
         """
         _validate.keys("change of physics", values, [f.name for f in fields(Physics)])
         self._apply_change(replace(self.physics, **values))
+        self._tell(f"change of {', '.join(values)}")
 
     def _apply_change(self, physics: Physics) -> None:
         self.engine.describe(physics, *self._described(physics))
@@ -325,7 +332,11 @@ class Simulation:
         _validate.choice("cell", cell, self.names)
         return self.names.index(cell)
 
+    def _tell(self, text: str) -> None:
+        self.events.append((self.time, text))
+
     def _take_out(self, i: int) -> None:
+        self._tell(f"removal of {self.names[i]}")
         self.removed.append((self.time, self.names[i]))
         self.engine.remove(i)
         del self.cells[i]

@@ -113,6 +113,19 @@ def test_removal_by_name_and_by_rule() -> None:
         simulation.remove(["a", "c"])
 
 
+def test_removal_by_place_and_without_contact_to_the_aggregate() -> None:
+    balls = [ball(name, x) for name, x in zip("abcde", (0, 9, 18, 40, 70), strict=True)]
+    simulation = start(*balls, sigma=0.5)
+    simulation.step(3)
+    Removal(below={"x": 5.0}, above={"x": 60.0}, isolated=True).apply(simulation)
+    assert simulation.names == ["b", "c"]
+    assert [text for _, text in simulation.events] == [
+        "removal of e", "removal of a", "removal of d",
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="'w' is not known"):
+        Removal(below={"w": 1.0})
+
+
 def test_differentiation_by_contact() -> None:
     simulation = start(
         ball("r1", type="red"),

@@ -53,6 +53,8 @@ def test_a_run_goes_through_its_stages(tmp_path: Path) -> None:
     with open_run(tmp_path) as run:
         assert run["time"].values.tolist() == [0, 16, 46]
         assert run["stage"].values.tolist() == ["", "one", "two"]
+        said = "division of m into a and b; change of sigma"
+        assert run["events"].values.tolist() == ["", "", said]
         alive = np.isfinite(run["volume"].values)
         assert alive.tolist() == [[True, False, False]] * 2 + [[False, True, True]]
         lineage = run.morpho.lineage()

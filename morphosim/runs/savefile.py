@@ -40,6 +40,7 @@ def write_save(
     simulation: "Simulation",
     measured: "Measurement",
     speeds: NDArray[np.float64],
+    events: str,
     fields: str,
     labels: bool,
 ) -> None:
@@ -54,7 +55,7 @@ def write_save(
 
     try:
         with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
-            _write(file, simulation, measured, speeds, fields, labels)
+            _write(file, simulation, measured, speeds, events, fields, labels)
     except (RuntimeError, OSError) as error:  # they do not say what the system told HDF5
         free = shutil.disk_usage(path.parent).free
         what = getattr(error, "strerror", None) or error
@@ -69,12 +70,13 @@ def _write(
     simulation: "Simulation",
     measured: "Measurement",
     speeds: NDArray[np.float64],
+    events: str,
     fields: str,
     labels: bool,
 ) -> None:
     file.setncatts(provenance(simulation))
     dense = len(simulation.cells) <= MOST_DENSE_CELLS
-    values = _names(simulation) | _table(simulation, measured, speeds)
+    values = _names(simulation) | _table(simulation, measured, speeds, events)
     if dense:
         values |= {"contact_area": _matrix(measured, len(simulation.cells))[None]}
     _fill(file, LABELS | PER_TIME | CONTACT_MATRIX, values)
@@ -124,7 +126,7 @@ def _names(simulation: "Simulation") -> Values:
 
 
 def _table(
-    simulation: "Simulation", measured: "Measurement", speeds: NDArray[np.float64]
+    simulation: "Simulation", measured: "Measurement", speeds: NDArray[np.float64], events: str
 ) -> Values:
     """Values of `PER_TIME`."""
     engine, spacing = simulation.engine, simulation.scene.numerics.spacing
@@ -152,7 +154,7 @@ def _table(
     }  # fmt: skip
     rows = {name: np.asarray(value)[None] for name, value in values.items()}
     types = [cell.type for cell in simulation.cells]
-    return rows | {"stage": [simulation.stage], "type": [types]}
+    return rows | {"stage": [simulation.stage], "events": [events], "type": [types]}
 
 
 def _targets(simulation: "Simulation") -> NDArray[np.float64]:

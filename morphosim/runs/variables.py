@@ -40,6 +40,7 @@ PER_TIME = {
     "time": Variable(("time",), "f8", "1", "in silico time", (("axis", "T"),)),
     "step": Variable(("time",), "i8", "1", "number of steps taken"),
     "stage": Variable(("time",), str, None, "stage of the protocol"),
+    "events": Variable(("time",), str, None, "divisions, removals, changes since the save before"),
     "rms_speed": Variable(("time",), "f8", "um", "root mean square of the cells' speed, per time"),
     "type": Variable(PER_CELL, str, None, "type of the cell"),
     "volume": Variable(PER_CELL, "f8", "um3", "volume, integral of phi"),

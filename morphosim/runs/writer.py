@@ -125,6 +125,7 @@ class RunWriter:
         else:
             self._check_free()
         self.files.tidy()
+        self._told = 0
         self._number = self.files.last
         self._saved = simulation.engine.steps if self.files.saves else -1
         self._marks = deque([_Since(simulation, simulation.centroids)], maxlen=4)
@@ -187,16 +188,18 @@ class RunWriter:
         number = self._number + 1
         measured = _measured(simulation)
         speeds = self._speeds(simulation, measured.centroid)
+        events = "; ".join(text for _, text in simulation.events[self._told :])
         state = self._other.submit(simulation.snapshot().write, self.files.restart(number))
         try:
             with replacing(self.files.save(number)) as partial:
-                write_save(partial, simulation, measured, speeds, self.fields, self.labels)
+                write_save(partial, simulation, measured, speeds, events, self.fields, self.labels)
                 state.result()  # a save appears after its state
         except OSError as error:
             self._failed = True
             raise self._error(simulation, error) from error
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.engine.steps
+        self._told = len(simulation.events)
         self._marks.append(_Since(simulation, measured.centroid))
 
     def _speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> Any:
