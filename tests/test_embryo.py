@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from morphosim import (
     EllipsoidShell,
@@ -13,6 +14,7 @@ from morphosim import (
     load_scene,
     save_scene,
 )
+from morphosim.cli import app
 from morphosim.embryo import celegans_1_to_8, celegans_1_to_102, embryo
 from morphosim.lineage import read_lineage
 from morphosim.stages import Duration
@@ -67,6 +69,19 @@ def test_any_lineage_table_makes_a_scene(tmp_path: Path) -> None:
     at = dict(zip(simulation.names, simulation.centroids, strict=True))
     assert at["right"][0] < at["up"][0]
     assert at["up"][1] > at["down"][1] + 3
+
+
+def test_a_table_needs_no_code(tmp_path: Path) -> None:
+    (tmp_path / "species.csv").write_text(SPECIES, encoding="utf-8")
+    words = ["import-lineage", tmp_path / "species.csv", "-o", tmp_path / "scene"]
+    words += ["--shell", 12, 9, 9, "--cut", 8, "--limit", 20]
+    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    assert "3 stages: 1-cell, 2-cell, 3-cell" in done.output
+    scene = load_scene(tmp_path / "scene" / "scene.toml")
+    assert scene.names == ["egg"]
+    assert scene.confinement.cut[2] == 8
+    assert [event.cell for event in scene.stages[2].events] == ["left"]
+    assert scene.stages[2].limit == 20
 
 
 @pytest.mark.parametrize("name", ["celegans-1-to-8", "celegans-1-to-102"])

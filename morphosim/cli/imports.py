@@ -1,4 +1,4 @@
-"""Commands that make scenes of other files: `import-matlab`, `import-labels`."""
+"""Commands that make scenes of other files: `import-matlab`, `import-labels`, `import-lineage`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -88,6 +88,37 @@ def import_labels(
     save_scene(scene, output / "scene.toml")
     still = sum(cell.frozen for cell in scene.cells)
     typer.echo(f"{len(scene.cells)} cells, {still} of them frozen: {', '.join(scene.names)}")
+    typer.echo(f"scene in {output / 'scene.toml'}")
+
+
+@app.command("import-lineage")
+def import_lineage(
+    table: Annotated[
+        Path, typer.Argument(help=".csv: name, parent, volume_um3, axis_x, axis_y, axis_z, group")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
+    shell: Annotated[
+        tuple[float, float, float], typer.Option(help="semi-axes x y z of the eggshell, um")
+    ],
+    cut: Annotated[
+        float, typer.Option(help="half-width along z beyond which the shell is flat, um")
+    ] = float("inf"),
+    groups: Annotated[int | None, typer.Option(help="division groups; by default all")] = None,
+    limit: Annotated[float, typer.Option(help="longest in silico time of a stage")] = 1000.0,
+) -> None:
+    """Turn a lineage table into a scene: an embryo from its first cell on, group after group."""
+    from morphosim.confinement import EllipsoidShell
+    from morphosim.embryo import embryo
+    from morphosim.lineage import read_lineage
+    from morphosim.scenefile import save_scene
+
+    walls = EllipsoidShell(center=(0, 0, 0), semi_axes=shell, cut=(float("inf"),) * 2 + (cut,))
+    scene = embryo(
+        read_lineage(table), walls, (0, 0, 0), groups=groups, limit=limit, name=table.stem
+    )
+    output.mkdir(parents=True, exist_ok=True)
+    save_scene(scene, output / "scene.toml")
+    typer.echo(f"{len(scene.stages)} stages: {', '.join(stage.name for stage in scene.stages)}")
     typer.echo(f"scene in {output / 'scene.toml'}")
 
 
