@@ -1,6 +1,8 @@
 """Files: clear errors for what is missing or damaged, and files that appear whole or not at all."""
 
+import csv
 import importlib
+import io
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -29,6 +31,13 @@ def guarded(path: Path, read: Callable[[], T]) -> T:
     except Exception as error:  # the parsers' errors have no common base
         message = f"{path} cannot be read as a {path.suffix.lower()} file; it may be damaged: "
         raise ValueError(f"{message}{type(error).__name__}: {error}") from error
+
+
+def csv_rows(path: Path) -> list[list[str]]:
+    """Rows of a CSV file; commas, semicolons or tabs, whichever the first line has most of."""
+    text = path.read_text(encoding="utf-8-sig")
+    first = text.partition("\n")[0]
+    return list(csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first.count)))
 
 
 def need(package: str, path: Path) -> Any:

@@ -32,6 +32,16 @@ def number(name: str, value: Any, *, above: float | None = None, least: float | 
     return float(value)
 
 
+def parsed_number(name: str, entry: Any, **bounds: float) -> float:
+    """Return an entry of a table as `number` does; ValueError if it is a text that is none."""
+    try:
+        value = float(entry)
+    except ValueError:
+        message = f"{name} = {entry!r} is not a number"
+        raise ValueError(message) from None
+    return number(name, value, **bounds)
+
+
 def integer(name: str, value: Any, *, least: int) -> int:
     """Return `value` as an int not below `least`, or raise."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):

@@ -1,6 +1,5 @@
 """Tables of cell names, attraction and volumes: .xls, .xlsx and .csv."""
 
-import csv
 import io
 import re
 import unicodedata
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim._files import check_file, guarded, listed, need
+from morphosim._files import check_file, csv_rows, guarded, listed, need
 
 Entry = str | float
 
@@ -60,10 +59,7 @@ def _rows_of_xlsx(path: Path) -> list[list[Entry]]:
 
 
 def _rows_of_csv(path: Path) -> list[list[Entry]]:
-    text = path.read_text(encoding="utf-8-sig")
-    first = text.partition("\n")[0]
-    delimiter = max(",;\t", key=first.count)
-    return [[_plain(v) for v in row] for row in csv.reader(io.StringIO(text), delimiter=delimiter)]
+    return [[_plain(v) for v in row] for row in csv_rows(path)]
 
 
 def _plain(value: Any) -> Entry:
@@ -97,7 +93,7 @@ def _parse(path: Path, rows: list[list[Entry]]) -> NameTable:
         for j, row in enumerate(body):
             sigma[j] = [_sigma(path, names[j], i, row[columns[i]]) for i in names]
     volumes = {
-        name: _number(f"{path}: volume of cell {name!r}", row[k], above=0)
+        name: _validate.parsed_number(f"{path}: volume of cell {name!r}", row[k], above=0)
         for k in volume
         for name, row in zip(names, body, strict=True)
     }
@@ -137,13 +133,6 @@ def _sigma(path: Path, j: str, i: str, entry: Entry) -> float:
     """Attraction from j to i; an empty diagonal is allowed, as it means nothing."""
     if j == i and entry == "":
         return 0.0
-    return _number(f"{path}: attraction from {j!r} (row) to {i!r} (column)", entry, least=0)
-
-
-def _number(name: str, entry: Entry, **bounds: float) -> float:
-    try:
-        value = float(entry)
-    except ValueError:
-        message = f"{name} = {entry!r} is not a number"
-        raise ValueError(message) from None
-    return _validate.number(name, value, **bounds)
+    return _validate.parsed_number(
+        f"{path}: attraction from {j!r} (row) to {i!r} (column)", entry, least=0
+    )

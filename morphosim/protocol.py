@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.snapshot import Snapshot
-from morphosim.stages import CHECK_TIME, Stage
+from morphosim.stages import Stage, check_interval
 
 if TYPE_CHECKING:
     from morphosim.simulation import Simulation
@@ -62,7 +62,7 @@ class Progress:
         """Whether the present stage ends with this step, which may take the simulation back."""
         stage, dt = self.stages[self.index], simulation.scene.numerics.dt
         steps = simulation.engine.steps - self.begun
-        elapsed, interval = steps * dt, max(int(CHECK_TIME / dt + 1e-9), 1)
+        elapsed, interval = steps * dt, check_interval(dt)
         check = steps % interval == 0
         if check:
             self.speeds.append(self._speed(simulation, interval * dt))

@@ -199,7 +199,7 @@ class Scene:
     @property
     def tensions(self) -> list[float]:
         """Surface tension γ of each cell, in order."""
-        return [self.physics.gamma if cell.gamma is None else cell.gamma for cell in self.cells]
+        return tensions(self.cells, self.physics)
 
     @classmethod
     def from_points(
@@ -265,6 +265,11 @@ class Scene:
     def with_physics(self, **changes: Any) -> "Scene":
         """Copy of the scene with some physical parameters changed."""
         return replace(self, physics=replace(self.physics, **changes))
+
+
+def tensions(cells: Iterable[Cell], physics: Physics) -> list[float]:
+    """Surface tension γ of each cell: its own, or that of the physics."""
+    return [physics.gamma if cell.gamma is None else cell.gamma for cell in cells]
 
 
 def power_cells(

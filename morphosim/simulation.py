@@ -19,7 +19,7 @@ from morphosim.interrupts import deferred_interrupts
 from morphosim.measure import centroids
 from morphosim.physics import Physics
 from morphosim.protocol import Progress
-from morphosim.scene import Cell, Scene, VolumeCourse
+from morphosim.scene import Cell, Scene, VolumeCourse, tensions
 from morphosim.scenefile import cell_of, cell_values, physics_of, physics_table, settings
 from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
@@ -325,7 +325,7 @@ class Simulation:
     def _described(self, physics: Physics) -> tuple[list[str], NDArray, NDArray]:
         """Types, surface tensions and which cells are frozen."""
         frozen = np.array([cell.frozen for cell in self.cells])
-        return [cell.type for cell in self.cells], _tensions(self.cells, physics), frozen
+        return [cell.type for cell in self.cells], np.array(tensions(self.cells, physics)), frozen
 
     def _place(self, cell: str) -> int:
         """Place of a cell."""
@@ -436,11 +436,6 @@ class Simulation:
         for i in vanished[::-1].tolist():
             self._take_out(i)
         self._set_targets()
-
-
-def _tensions(cells: Sequence[Cell], physics: Physics) -> NDArray[np.float64]:
-    """(N,) surface tension γ of cells."""
-    return np.array([physics.gamma if cell.gamma is None else cell.gamma for cell in cells])
 
 
 def _values(cell: Cell) -> dict[str, Any]:

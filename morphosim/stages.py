@@ -18,6 +18,11 @@ CHECK_TIME = 10.0
 """*In silico* time between two looks at the centroids."""
 
 
+def check_interval(dt: float) -> int:
+    """Steps between two looks at the centroids: FLOOR(10/δt), at least one."""
+    return max(int(CHECK_TIME / dt + 1e-9), 1)
+
+
 class End(Protocol):
     """When a stage ends.
 

@@ -1,14 +1,12 @@
 """Rows of a lineage table: reading them, and checking that they make trees."""
 
-import csv
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 from morphosim import _validate
-from morphosim._files import check_file, guarded, listed
+from morphosim._files import check_file, csv_rows, guarded, listed
 
 ALIASES = {"cell": "name", "volume": "volume_um3"}
 
@@ -87,9 +85,7 @@ def read_rows(path: Path) -> Rows:
 
 def _table(path: Path) -> tuple[list[str], dict[int, list[str]]]:
     """Headings, and rows that are not empty by number; commas, semicolons or tabs between."""
-    text = path.read_text(encoding="utf-8-sig")
-    first = text.partition("\n")[0]
-    table = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first.count))
+    table = iter(csv_rows(path))
     head = [heading.strip().lower() for heading in next(table, [])]
     rows = {n: [entry.strip() for entry in row] for n, row in enumerate(table, start=2)}
     return [ALIASES.get(h, h) for h in head], {n: row for n, row in rows.items() if any(row)}
@@ -167,21 +163,12 @@ def _text(name: str, entry: str) -> str:
     return entry
 
 
-def _number(name: str, entry: str, **bounds: float) -> float:
-    try:
-        value = float(entry)
-    except ValueError:
-        message = f"{name} = {entry!r} is not a number"
-        raise ValueError(message) from None
-    return _validate.number(name, value, **bounds)
-
-
 def _positive(name: str, entry: str) -> float:
-    return _number(name, entry, above=0)
+    return _validate.parsed_number(name, entry, above=0)
 
 
 def _fraction(name: str, entry: str) -> float:
-    value = _number(name, entry, above=0)
+    value = _validate.parsed_number(name, entry, above=0)
     if value >= 1:
         message = f"{name} = {value!r} is not allowed: it must be above 0 and below 1"
         raise ValueError(message)
@@ -190,7 +177,7 @@ def _fraction(name: str, entry: str) -> float:
 
 def _count(least: int) -> Callable[[str, str], int]:
     def convert(name: str, entry: str) -> int:
-        value = _number(name, entry)
+        value = _validate.parsed_number(name, entry)
         return _validate.integer(name, int(value) if value.is_integer() else value, least=least)
 
     return convert
@@ -198,9 +185,11 @@ def _count(least: int) -> Callable[[str, str], int]:
 
 COLUMNS: Mapping[str, Callable[[str, str], Any]] = {
     **dict.fromkeys(("name", "parent", "founder", "daughter1", "daughter2"), _text),
-    **dict.fromkeys(("axis_x", "axis_y", "axis_z"), _number),
-    **dict.fromkeys(("measured_axis_x", "measured_axis_y", "measured_axis_z"), _number),
+    **dict.fromkeys(
+        [f"{kind}axis_{axis}" for kind in ("", "measured_") for axis in "xyz"],
+        _validate.parsed_number,
+    ),
     "generation": _count(0), "group": _count(1), "volume_um3": _positive, "fraction": _fraction,
-    "measured_n": _count(0), "measured_r": _positive, "division_min": _number,
+    "measured_n": _count(0), "measured_r": _positive, "division_min": _validate.parsed_number,
 }  # fmt: skip
 """What turns an entry into a value, by column."""

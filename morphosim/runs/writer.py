@@ -18,9 +18,8 @@ from morphosim.runs.savefile import step_of, write_save
 from morphosim.scene import SAVE_FIELDS
 from morphosim.scenefile import save_scene
 from morphosim.simulation import Simulation
+from morphosim.stages import check_interval
 
-SPEED_TIME = 10.0
-"""*In silico* time over which speeds are measured (Supplementary Note 1.2)."""
 _log = logging.getLogger(__name__)
 
 
@@ -180,7 +179,7 @@ class RunWriter:
         dt, steps = simulation.scene.numerics.dt, simulation.engine.steps
         passed = np.floor(steps * dt / self.every + 1e-9)
         self._due = max(int(np.ceil((passed + 1) * self.every / dt - 1e-6)), steps + 1)
-        self._measured_from = self._due - max(int(SPEED_TIME / dt + 1e-9), 1)
+        self._measured_from = self._due - check_interval(dt)
 
     def _save(self, simulation: Simulation) -> None:
         if simulation.engine.steps == self._saved:

@@ -1,13 +1,11 @@
 """Tables of what is known of labelled cells: .csv."""
 
-import csv
-import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from morphosim import _validate
-from morphosim._files import check_file, guarded
+from morphosim._files import check_file, csv_rows, guarded
 
 FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -48,9 +46,7 @@ def read_cells(path: Path) -> dict[int, dict[str, Any]]:
 
 def _rows(path: Path) -> list[dict[str, str]]:
     """Entries by heading; separated by commas, semicolons or tabs."""
-    text = path.read_text(encoding="utf-8-sig")
-    first = text.partition("\n")[0]
-    table = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first.count))
+    table = iter(csv_rows(path))
     head = [heading.strip().lower() for heading in next(table, [])]
     return [dict(zip(head, (entry.strip() for entry in row), strict=False)) for row in table]
 
@@ -67,12 +63,7 @@ def _text(name: str, entry: str) -> str:
 
 
 def _positive(name: str, entry: str) -> float:
-    try:
-        value = float(entry)
-    except ValueError:
-        message = f"{name} = {entry!r} is not a number"
-        raise ValueError(message) from None
-    return _validate.number(name, value, above=0)
+    return _validate.parsed_number(name, entry, above=0)
 
 
 def _flag(name: str, entry: str) -> bool:
