@@ -90,3 +90,15 @@ def _typed_choose(array, use):  # without types: Numba compares the signatures
     if isinstance(use, types.NoneType):
         return lambda array, use: None
     return lambda array, use: array
+
+
+def entry(array: Any, i: Any, k: Any) -> Any:
+    """`array[i, k]`, or None where there is no array; decided by type, as `choose` is."""
+    return None if array is None else array[i, k]
+
+
+@overload(entry)
+def _typed_entry(array, i, k):  # without types: Numba compares the signatures
+    if isinstance(array, types.NoneType):
+        return lambda array, i, k: None
+    return lambda array, i, k: array[i, k]

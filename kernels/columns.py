@@ -59,6 +59,33 @@ def add_cell(i, corner, length, phi, boxes, g, repulsion, first, potential, pote
             )  # fmt: skip
 
 
+@kernel()
+def lay_tiles(tiles, slots, depth, out):
+    """Columns made of tiles, one column after the other.
+
+    Parameters
+    ----------
+    tiles : (K, ROWS, TILE) values
+    slots : (T,) the tile of each place, from the bottom of the first column up; -1: zeros
+    depth : (C,) tiles of each column
+    out : 1-D, overwritten with the columns (ROWS, depth × TILE)
+    """
+    size, values = tiles.shape[2], tiles.ravel()
+    place = first = 0
+    for n in depth:
+        length = n * size
+        for k in range(n):
+            slot = slots[place + k]
+            for row in range(ROWS):
+                goal = np.uint64(first + row * length + k * size)
+                if slot >= 0:
+                    copy_row(values, np.uint64((slot * ROWS + row) * size), out, goal, size)
+                else:
+                    clear_row(out, goal, size)
+        place += n
+        first += ROWS * length
+
+
 @inline_kernel()
 def clear_column(first, points, n_types, background, repulsion, potential):
     """Start a column's sums: the confinement's share, or nothing."""

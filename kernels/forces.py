@@ -8,7 +8,7 @@ p the volume constraint's pressure and d = -κ √δt u the motility drift.
 
 import numpy as np
 
-from morphosim.kernels._jit import inline_kernel, kernel
+from morphosim.kernels._jit import entry, inline_kernel, kernel
 from morphosim.kernels.frames import run, strides
 from morphosim.kernels.stencils import derivative
 
@@ -86,10 +86,7 @@ def right_hand_side(
     use_repulsion : True, or None where nothing repels; R is then not read
     """
     sx, sy = strides(i, boxes)
-    if drift is None:
-        dx = dy = dz = None
-    else:
-        dx, dy, dz = drift[i, 0], drift[i, 1], drift[i, 2]
+    dx, dy, dz = entry(drift, i, 0), entry(drift, i, 1), entry(drift, i, 2)
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, whole, sx, sy)
         plane_right_hand_side(

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from morphosim.kernels.columns import ROWS, SHIFT, WIDTH
+from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, lay_tiles
 from morphosim.kernels.frames import HALO, frame_shapes
 from morphosim.kernels.layout import ColumnLists, Columns
 from morphosim.walls import Repulsion
@@ -16,6 +16,8 @@ _OFFSET = 1 << (_BITS - 1)
 """Added to tile coordinates so that three of them pack into one non-negative int64 key."""
 _ABSENT = 1e-6
 """A tile with g_e φ_e² below this everywhere has no confinement."""
+MOST_AT_ONCE = 512
+"""Tiles on which the confinement is evaluated together."""
 Integers = NDArray[np.int64]
 
 
@@ -35,27 +37,30 @@ class Background:
     """The confinement's g_e φ_e² (see `walls`) on tiles, evaluated once per tile."""
 
     def __init__(self, repulsion: Repulsion, spacing: float, dtype: DTypeLike) -> None:
-        self._repulsion, self._spacing, self._dtype = repulsion, spacing, np.dtype(dtype)
-        self._known: dict[int, NDArray[np.floating] | None] = {}
+        self._repulsion, self._spacing = repulsion, spacing
+        self._keys = np.zeros(0, np.int64)
+        self._slots = np.zeros(0, np.int64)
+        self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
 
     def acts(self, begin: Integers, end: Integers) -> NDArray[np.bool_]:
         """Whether the confinement acts in each column of tiles [begin, end)."""
         depth = end - begin
-        starts = np.cumsum(depth) - depth
-        keys = np.repeat(begin - starts, depth) + np.arange(depth.sum())
-        new = np.array([key for key in keys.tolist() if key not in self._known], np.int64)
-        for part in np.array_split(new, max(1, len(new) // 512)):
-            if len(part):
-                self._evaluate(part)
-        present = np.array([self._known[key] is not None for key in keys.tolist()], bool)
-        return np.logical_or.reduceat(present, starts)
+        slots = self._slots_of(_tiles_of(begin, depth))
+        return np.logical_or.reduceat(slots >= 0, np.cumsum(depth) - depth)
 
-    def fill(self, column: NDArray[np.floating], first: int) -> None:
-        """Values of one column (ROWS, length) that begins with tile `first`."""
-        depth = TILE_SHAPE[2]
-        for k in range(column.shape[1] // depth):
-            values = self._known[first + k]
-            column[:, k * depth : (k + 1) * depth] = 0 if values is None else values
+    def fill(self, begin: Integers, length: Integers, out: NDArray[np.floating]) -> None:
+        """Values of columns (ROWS, length), one after the other, that begin with these tiles."""
+        depth = length // TILE_SHAPE[2]
+        lay_tiles(self._tiles, self._slots_of(_tiles_of(begin, depth)), depth, out)
+
+    def _slots_of(self, keys: Integers) -> Integers:
+        """Places of tiles in `_tiles`; -1 for those where the confinement does not act."""
+        known = np.isin(keys, self._keys)
+        if not known.all():
+            new = np.unique(keys[~known])
+            for part in np.array_split(new, -(-len(new) // MOST_AT_ONCE)):
+                self._evaluate(part)
+        return np.asarray(self._slots[np.searchsorted(self._keys, keys)])
 
     def _evaluate(self, keys: Integers) -> None:
         corners = unpack(keys) << SHIFTS
@@ -70,8 +75,18 @@ class Background:
             message = "the confinement's field is not finite everywhere; φ_e must be 0 … 1"
             raise ValueError(message)
         acts = values.reshape(len(keys), -1).max(axis=1) > _ABSENT
-        for key, tile, present in zip(keys.tolist(), values, acts, strict=True):
-            self._known[key] = tile.reshape(ROWS, -1).astype(self._dtype) if present else None
+        slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
+        tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)
+        self._tiles = np.concatenate([self._tiles, tiles])
+        order = np.argsort(np.concatenate([self._keys, keys]))
+        self._keys = np.concatenate([self._keys, keys])[order]
+        self._slots = np.concatenate([self._slots, slots])[order]
+
+
+def _tiles_of(begin: Integers, depth: Integers) -> Integers:
+    """Keys of all tiles of columns that begin with these tiles and have `depth` of them."""
+    starts = np.cumsum(depth) - depth
+    return np.repeat(begin - starts, depth) + np.arange(depth.sum())
 
 
 class ColumnCover:
@@ -152,7 +167,7 @@ class ColumnCover:
             cover_start=cover_start,
             cover=cover,
             felt=felt,
-            background=self._fill_background(begin[needed], length[needed]),
+            background=self._filled_background(begin[needed], length[needed]),
             repulsion=self._pool("repulsion", int(points.sum())),
             potential=(
                 self._pool("potential", int(points.sum()) * self._n_types)
@@ -164,8 +179,7 @@ class ColumnCover:
     @property
     def nbytes(self) -> int:
         """Bytes of the columns' sums."""
-        background = 0 if self.columns.background is None else self.columns.background.nbytes
-        return background + sum(pool.nbytes for pool in self._pools.values())
+        return sum(pool.nbytes for pool in self._pools.values())
 
     def _pool(self, name: str, points: int) -> NDArray[np.floating]:
         pool = self._pools.get(name)
@@ -174,14 +188,12 @@ class ColumnCover:
             self._pools[name] = pool
         return pool
 
-    def _fill_background(self, begin: Integers, length: Integers) -> NDArray[np.floating] | None:
+    def _filled_background(self, begin: Integers, length: Integers) -> NDArray[np.floating] | None:
         """The confinement on the columns that begin with these tiles."""
         if self._background is None:
             return None
-        ends = np.cumsum(ROWS * length)
-        values = np.zeros(ends[-1] if len(ends) else 0, self._dtype)
-        for first, stop, n in zip(begin.tolist(), ends.tolist(), length.tolist(), strict=True):
-            self._background.fill(values[stop - ROWS * n : stop].reshape(ROWS, n), first)
+        values = self._pool("background", ROWS * int(length.sum()))
+        self._background.fill(begin, length, values)
         return values
 
     def _make_lists(

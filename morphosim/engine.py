@@ -263,11 +263,12 @@ class Engine:
             else None
         )
         self._cover = ColumnCover(self.dtype, self.workers, self._interactions.n_fields, background)
+        self._kappa = np.array([physics.motility(kind) for kind in self.types])
         self._terms = CellTerms(
             gamma=self.gamma.astype(self.dtype),
             well=(4 * self.gamma * physics.c).astype(self.dtype),
             pressure=np.zeros(n, self.dtype),
-            drift=np.zeros((n, 3), self.dtype) if physics.kappa > 0 else None,
+            drift=np.zeros((n, 3), self.dtype) if self._kappa.any() else None,
             sweeps=np.zeros((n, 0), self.dtype),
         )
         self._normals = np.zeros((n, 3))
@@ -347,10 +348,8 @@ class Engine:
             normal_vectors(
                 np.uint64(self.numerics.seed), np.uint64(self.steps), self.ids, self._normals
             )
-            np.multiply(
-                self._normals, -physics.kappa * np.sqrt(self.numerics.dt),
-                out=self._terms.drift, casting="same_kind",
-            )  # fmt: skip
+            self._normals *= (-np.sqrt(self.numerics.dt) * self._kappa)[:, None]
+            self._terms.drift[:] = self._normals
 
     def _advance(self) -> None:
         """Force, implicit solve and survey of all cells that are stepped."""

@@ -19,7 +19,11 @@ AXES = ("x", "y", "z")
 
 
 class Event(Protocol):
-    """Something that happens between two steps."""
+    """Something that happens between two steps.
+
+    Where it has `makes`, these are cell types that it may bring about; attraction and motility by
+    type may name them.
+    """
 
     def apply(self, simulation: "Simulation") -> None:
         """Change the simulation."""
@@ -62,6 +66,11 @@ class Division:
             raise ValueError(message)
         for volume in self.volumes or ():
             _validate.number(f"{where}: volumes", volume, above=0)
+
+    @property
+    def makes(self) -> tuple[str, ...]:
+        """See `Event`."""
+        return self.types or ()
 
     def apply(self, simulation: "Simulation") -> None:
         """Divide the cell."""
@@ -152,6 +161,11 @@ class Differentiation:
     def __post_init__(self) -> None:
         _validate.number("differentiation: area", self.area, least=0)
 
+    @property
+    def makes(self) -> tuple[str, ...]:
+        """See `Event`."""
+        return (self.into,)
+
     def apply(self, simulation: "Simulation") -> None:
         """Change the types."""
         from morphosim.contacts import contact_areas
@@ -180,6 +194,11 @@ class CellChange:
 
     cells: Sequence[str]
     values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def makes(self) -> tuple[str, ...]:
+        """See `Event`."""
+        return (self.values["type"],) if "type" in self.values else ()
 
     def apply(self, simulation: "Simulation") -> None:
         """Change the cells."""

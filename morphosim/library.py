@@ -11,6 +11,7 @@ from morphosim import _validate
 from morphosim.embryo import celegans_1_to_8, celegans_1_to_102
 from morphosim.scene import Scene
 from morphosim.scenefile import load_scene, save_scene
+from morphosim.synnotch import SCENES as RANDOM
 
 _FOLDER = files("morphosim.scenes")
 MADE: dict[str, Callable[[], Scene]] = {
@@ -24,14 +25,19 @@ MADE: dict[str, Callable[[], Scene]] = {
 def scene_names() -> list[str]:
     """Names of the built-in scenes."""
     stored = [Path(f.name).stem for f in _FOLDER.iterdir() if f.name.endswith(".toml")]
-    return sorted([*stored, *MADE])
+    return sorted([*stored, *MADE, *RANDOM])
 
 
 def built_in_scene(name: str, overrides: Mapping[str, Any] | None = None) -> Scene:
-    """Built-in scene; ValueError lists the known ones if there is none of this name."""
+    """Built-in scene; ValueError lists the known ones if there is none of this name.
+
+    Where a scene's start is random, "numerics.seed" among the overrides is its seed too.
+    """
     _validate.choice("scene", name, scene_names())
     if name in MADE:
         return _made(MADE[name](), overrides)
+    if name in RANDOM:
+        return _made(RANDOM[name]((overrides or {}).get("numerics.seed", 0)), overrides)
     with as_file(_FOLDER / f"{name}.toml") as path:
         return load_scene(path, overrides)
 

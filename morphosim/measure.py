@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.contacts import Prepared, pack, pair_areas, prepare, shared_out
+from morphosim.contacts import SURFACE_LEVEL, Prepared, pack, pair_areas, prepare, shared_out
 from morphosim.fields import CellField
 from morphosim.kernels.moments import N_MOMENTS, Fields, moments
 from morphosim.kernels.surfaces import surfaces
@@ -45,6 +45,8 @@ class Measurement:
         π^(1/3) (6 V)^(2/3) / area: 1 for a ball, less for all else.
     irregularity : (N,) float64
         area^(1/2) / V^(1/3), η of Fig. S4: 2.20 for a ball, more for all else.
+    exposed_fraction : (N,) float64
+        Share of the surface on which contacts are measured that touches no other cell.
     contacts : (P, 2) int64
         Pairs i < j, sorted.
     contact_area : (P,) float64
@@ -59,6 +61,7 @@ class Measurement:
     enclosed_volume: Real
     sphericity: Real
     irregularity: Real
+    exposed_fraction: Real
     contacts: NDArray[np.int64]
     contact_area: Real
 
@@ -93,14 +96,18 @@ def measure(
     found = _moments(prepared.bounds, prepared.fields)
     volume, centroid = found[:, 0] * spacing**3, _centroids(prepared.fields, found, spacing)
     semi_axes, principal_axes = _ellipsoids(found, spacing)
-    area, enclosed = _surfaces(prepared, spacing)
+    area, enclosed = _surfaces(prepared, SURFACE, spacing)
     with np.errstate(invalid="ignore"):
         sphericity = np.pi ** (1 / 3) * (6 * enclosed) ** (2 / 3) / area
         irregularity = np.sqrt(area) / np.cbrt(enclosed)
     pairs, contact_area = pair_areas(prepared, spacing)
+    whole, _ = _surfaces(prepared, SURFACE_LEVEL, spacing)
+    touched = np.bincount(pairs.ravel(), np.repeat(contact_area, 2), len(start))
+    with np.errstate(invalid="ignore"):
+        exposed = np.maximum(1 - touched / whole, 0)
     return Measurement(
         volume, centroid, semi_axes, principal_axes, area, enclosed, sphericity, irregularity,
-        pairs, contact_area,
+        exposed, pairs, contact_area,
     )  # fmt: skip
 
 
@@ -121,10 +128,10 @@ def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
     return measure(*pack(fields), spacing)
 
 
-def _surfaces(prepared: Prepared, spacing: float) -> tuple[Real, Real]:
-    """Surface areas and enclosed volumes."""
+def _surfaces(prepared: Prepared, level: float, spacing: float) -> tuple[Real, Real]:
+    """Surface areas and enclosed volumes of φ = `level`."""
     found = np.zeros((len(prepared.fields.start), 2))
-    surfaces(prepared.bounds, prepared.fields, SURFACE, prepared.work, found)
+    surfaces(prepared.bounds, prepared.fields, level, prepared.work, found)
     return found[:, 0] * spacing**2, found[:, 1] * spacing**3
 
 

@@ -1,5 +1,6 @@
 """Physical parameters of a scene (paper §2, Supplementary Note 2)."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from morphosim import _validate
@@ -35,6 +36,8 @@ class Physics:
     kappa : float
         Strength κ of the motility noise (Eq. 11, S3). As published, a free cell's mean-square
         displacement along an axis is (κ δt/τ)² t: it depends on δt.
+    kappa_by_type : mapping from cell type to float
+        κ of cells of these types, instead of `kappa`.
 
     Raises
     ------
@@ -51,6 +54,7 @@ class Physics:
     g_e: float = 16.0
     sigma: Attraction | float = field(default_factory=Attraction)
     kappa: float = 0.0
+    kappa_by_type: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("tau", "gamma", "c"):
@@ -60,6 +64,9 @@ class Physics:
             _validate.number("physics.M", self.M, least=0)
         for name in ("g", "g_e", "kappa"):
             _validate.number(f"physics.{name}", getattr(self, name), least=0)
+        _validate.instance("physics.kappa_by_type", self.kappa_by_type, Mapping)
+        for kind, kappa in self.kappa_by_type.items():
+            _validate.number(f"physics.kappa_by_type[{kind!r}]", kappa, least=0)
         if not isinstance(self.sigma, Attraction):
             value = _validate.number("physics.sigma", self.sigma, least=0)
             object.__setattr__(self, "sigma", Attraction(default=value))
@@ -75,6 +82,15 @@ class Physics:
         """`sigma` as an `Attraction`."""
         assert isinstance(self.sigma, Attraction)
         return self.sigma
+
+    def check_types(self, types: Sequence[str]) -> None:
+        """Raise ValueError if `kappa_by_type` names a type that is not one of these."""
+        for kind in self.kappa_by_type:
+            _validate.choice("type in physics.kappa_by_type", kind, types)
+
+    def motility(self, kind: str) -> float:
+        """κ of cells of a type."""
+        return self.kappa_by_type.get(kind, self.kappa)
 
     @property
     def interface_scale(self) -> float:

@@ -53,6 +53,7 @@ class Progress:
             event.apply(simulation)
         if stage.physics:
             simulation.change_physics(**stage.physics)
+        self._apply_rules(simulation, stage)
         simulation.engine.restart()
         simulation.stage = stage.name
         self.begun, self.speeds, self.back = simulation.engine.steps, [], None
@@ -76,7 +77,13 @@ class Progress:
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
             self.index, self.begun, self.back = self.index + 1, -1, None
             return True
+        if steps % max(round(stage.rules_every / dt), 1) == 0:
+            self._apply_rules(simulation, stage)
         return False
+
+    def _apply_rules(self, simulation: "Simulation", stage: Stage) -> None:
+        for rule in stage.rules:
+            rule.apply(simulation)
 
     def _look(self, simulation: "Simulation", stage: Stage) -> None:
         """Remember where the cells are, and the state if the stage may end with it."""

@@ -13,7 +13,7 @@ from morphosim.fields import CellField
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.shapes import Field, PowerCell, Shape
-from morphosim.stages import Stage
+from morphosim.stages import Duration, Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
 _PHYSICS = [f.name for f in fields(Physics)]
@@ -179,7 +179,8 @@ class Scene:
             _validate.instance(f"scene.stages[{k}]", stage, Stage)
             _validate.keys(f"physics of stage {stage.name!r}", stage.physics, _PHYSICS)
             replace(self.physics, **stage.physics)  # raises where a value is not allowed
-        self.physics.attraction.check_names(self.names, self.types)
+        self.physics.check_types(self.possible_types)
+        self.physics.attraction.check_names(self.names, self.possible_types)
 
     @property
     def names(self) -> list[str]:
@@ -190,6 +191,11 @@ class Scene:
     def types(self) -> list[str]:
         """Types of the cells, in order."""
         return [cell.type for cell in self.cells]
+
+    @property
+    def possible_types(self) -> list[str]:
+        """Types that cells have, or may get by events, in alphabetical order."""
+        return sorted(set(self.types).union(*(stage.makes for stage in self.stages)))
 
     @property
     def parents(self) -> list[str]:
@@ -257,6 +263,22 @@ class Scene:
             volume = cell.shape.volume if cell.volume is None else cell.volume
             cells.append(replace(cell, shape=shape, volume=volume))
         return replace(self, cells=cells)
+
+    def from_stage(self, name: str) -> "Scene":
+        """Copy of the scene that begins with a later stage, for a start from a saved run.
+
+        Its duration is shorter by the stages left out that last for a set time.
+
+        Raises
+        ------
+        ValueError
+            There is no stage of this name.
+        """
+        names = [stage.name for stage in self.stages]
+        _validate.choice(f"stage of scene {self.name!r}", name, names)
+        first = names.index(name)
+        lapse = sum(s.end.time for s in self.stages[:first] if isinstance(s.end, Duration))
+        return replace(self, stages=self.stages[first:], duration=max(self.duration - lapse, 0.0))
 
     def with_numerics(self, **changes: Any) -> "Scene":
         """Copy of the scene with some numerical parameters changed."""

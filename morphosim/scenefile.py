@@ -368,6 +368,8 @@ def physics_table(physics: Physics) -> dict[str, Any]:
     """Physics as a scene file says them."""
     sigma = physics.attraction
     table = _plain_table(physics)
+    if not physics.kappa_by_type:
+        del table["kappa_by_type"]
     table["sigma"] = {"default": sigma.default}
     if sigma.sisters is not None:
         table["sigma"]["sisters"] = sigma.sisters

@@ -96,7 +96,7 @@ def _attraction(scene: Scene) -> str:
         return ""
     stated = [stage.physics["sigma"] for stage in scene.stages if "sigma" in stage.physics]
     sigmas = [scene.physics.attraction, *(Physics(sigma=sigma).attraction for sigma in stated)]
-    strongest = max(sigma.strongest(scene.types) for sigma in sigmas)
+    strongest = max(sigma.strongest(scene.possible_types) for sigma in sigmas)
     softest = min(_tensions(scene))
     limit = STRONGEST_ATTRACTION["long" if scene.numerics.dt > 1 else "short"]
     if strongest <= limit * softest:
@@ -109,11 +109,12 @@ def _attraction(scene: Scene) -> str:
 
 def _noise(scene: Scene) -> str:
     physics, dt = scene.physics, scene.numerics.dt
-    jump = physics.kappa * dt**1.5 / physics.tau * physics.interface_scale
+    kappa = max(map(physics.motility, scene.possible_types))
+    jump = kappa * dt**1.5 / physics.tau * physics.interface_scale
     if jump <= FARTHEST_JUMP:
         return ""
     return (
-        f"physics.kappa = {physics.kappa:g} moves cells by {jump:.2g} interface widths in a step "
+        f"physics.kappa = {kappa:g} moves cells by {jump:.2g} interface widths in a step "
         f"of numerics.dt = {dt:g}; more than {FARTHEST_JUMP:g} is likely to diverge. Take a "
         "smaller dt or kappa"
     )

@@ -1,7 +1,7 @@
 """Stages and events as tables of a scene file.
 
-A stage is `{name, end, limit, physics, events}`; `end` and each event are tables with a `kind` and
-the fields of its class.
+A stage is a table of the fields of `Stage`; `end` and each event or rule are tables with a `kind`
+and the fields of its class.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ Convert = Callable[[Any], Any]
 
 def stage_of(table: Mapping[str, Any], where: str, physics: Convert) -> Stage:
     """Stage from its table; `physics` turns a table of physics into keywords of `Physics`."""
-    _validate.keys(where, table, ("name", "end", "limit", "physics", "events"))
+    _validate.keys(where, table, [f.name for f in fields(Stage)])
     if "name" not in table or "end" not in table:
         message = f"{where}: a stage needs a name and an end"
         raise ValueError(message)
@@ -34,10 +34,14 @@ def stage_of(table: Mapping[str, Any], where: str, physics: Convert) -> Stage:
         end=_built(table["end"], ENDS, f"{where}.end"),
         limit=table.get("limit"),
         physics=physics(table.get("physics", {})),
-        events=[
-            _event(row, f"{where}.events[{k}]", physics)
-            for k, row in enumerate(table.get("events", []))
-        ],
+        **{
+            key: [
+                _event(row, f"{where}.{key}[{k}]", physics)
+                for k, row in enumerate(table.get(key, []))
+            ]
+            for key in ("events", "rules")
+        },
+        **{key: table[key] for key in ("rules_every",) if key in table},
     )
 
 
@@ -76,12 +80,20 @@ def stage_table(stage: Stage, physics: Convert) -> dict[str, Any]:
         table["limit"] = stage.limit
     if stage.physics:
         table["physics"] = physics(stage.physics)
-    if stage.events:
-        table["events"] = [_said(event, EVENTS, stage) for event in stage.events]
-        for row in table["events"]:
-            if row["kind"] == "physics":
-                row["values"] = physics(row["values"])
+    for key in ("events", "rules"):
+        if getattr(stage, key):
+            table[key] = [_event_table(event, stage, physics) for event in getattr(stage, key)]
+    if stage.rules:
+        table["rules_every"] = stage.rules_every
     return table
+
+
+def _event_table(event: Any, stage: Stage, physics: Convert) -> dict[str, Any]:
+    """Table of an event or rule."""
+    row = _said(event, EVENTS, stage)
+    if row["kind"] == "physics":
+        row["values"] = physics(row["values"])
+    return row
 
 
 def _said(item: Any, kinds: Mapping[str, type], stage: Stage) -> dict[str, Any]:

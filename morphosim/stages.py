@@ -109,6 +109,11 @@ class Stage:
         Values of `Physics` that hold from the stage's start on.
     events : sequence of Event
         What happens at the start, in this order, before `physics` holds.
+    rules : sequence of Event
+        What is applied after `physics` holds, and again and again while the stage lasts: cells
+        that differentiate by contact, for example.
+    rules_every : float
+        *In silico* time in between; rounded to steps.
     """
 
     name: str
@@ -116,6 +121,8 @@ class Stage:
     limit: float | None = None
     physics: Mapping[str, Any] = field(default_factory=dict)
     events: Sequence[Event] = ()
+    rules: Sequence[Event] = ()
+    rules_every: float = 100.0
 
     def __post_init__(self) -> None:
         _validate.text("stage: name", self.name)
@@ -125,8 +132,17 @@ class Stage:
             raise TypeError(message)
         if self.limit is not None:
             _validate.number(f"stage {self.name!r}: limit", self.limit, above=0)
-        for event in self.events:
+        _validate.number(f"stage {self.name!r}: rules_every", self.rules_every, above=0)
+        for event in (*self.events, *self.rules):
             if not callable(getattr(event, "apply", None)):
                 message = f"stage {self.name!r}: {event!r} is no event: it has no apply(simulation)"
                 raise TypeError(message)
         object.__setattr__(self, "events", tuple(self.events))
+        object.__setattr__(self, "rules", tuple(self.rules))
+
+    @property
+    def makes(self) -> set[str]:
+        """Cell types that its events and rules may bring about."""
+        return {
+            kind for event in (*self.events, *self.rules) for kind in getattr(event, "makes", ())
+        }

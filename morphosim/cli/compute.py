@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,6 +53,9 @@ def run(
     time: Annotated[
         float | None, typer.Option(help="with --from: the save to start from; the last by default")
     ] = None,
+    stage: Annotated[
+        str | None, typer.Option(help="with --from: the scene's stage to begin with")
+    ] = None,
     resume: Annotated[
         Path | None, typer.Option(help="go on with this run, to the same end, bit for bit")
     ] = None,
@@ -67,15 +71,19 @@ def run(
         if value is not None:
             overrides[key] = value
     if resume is not None:
-        _check_resume([scene, output, from_, time], overrides)
+        _check_resume([scene, output, from_, time, stage], overrides)
         _resume(resume, overrides)
     if scene is None or output is None:
         message = "run needs a scene and --output, or --resume and the directory of a run"
         raise typer.BadParameter(message)
-    if from_ is None and time is not None:
-        message = f"--time {time:g} says from which save of a run to start; give the run by --from"
+    if from_ is None and (time is not None or stage is not None):
+        message = "--time and --stage say how to start from a saved run; give the run by --from"
         raise ValueError(message)
-    _simulate(find_scene(scene, overrides), output, from_, time)
+    chosen = find_scene(scene, overrides)
+    if stage is not None:
+        chosen = chosen.from_stage(stage)
+        chosen = chosen if until is None else replace(chosen, duration=until)
+    _simulate(chosen, output, from_, time)
 
 
 def _overrides(settings: list[str]) -> dict[str, Any]:
@@ -107,8 +115,6 @@ def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
 
 def _resume(directory: Path, overrides: dict[str, Any]) -> None:
     """Go on with a run; a later end is written to its scene file."""
-    from dataclasses import replace
-
     from morphosim.runs.files import RunDirectory
     from morphosim.runs.resume import saved_state
     from morphosim.scenefile import save_scene

@@ -4,6 +4,7 @@ import json
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import fields as dataclass_fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.aggregates import aggregates
 from morphosim.labels import label_image
 from morphosim.machine import processor, versions
 from morphosim.runs.variables import (
@@ -148,12 +150,14 @@ def _table(
     } | {
         name: getattr(measured, name)
         for name in (
-            "enclosed_volume", "surface_area", "sphericity", "irregularity", "semi_axes",
-            "principal_axes",
+            "enclosed_volume", "surface_area", "sphericity", "irregularity",
+            "exposed_fraction", "semi_axes", "principal_axes",
         )
     }  # fmt: skip
-    rows = {name: np.asarray(value)[None] for name, value in values.items()}
     types = [cell.type for cell in simulation.cells]
+    grouped = aggregates(measured, types)
+    values |= {f.name: getattr(grouped, f.name) for f in dataclass_fields(grouped)}
+    rows = {name: np.asarray(value)[None] for name, value in values.items()}
     return rows | {"stage": [simulation.stage], "events": [events], "type": [types]}
 
 

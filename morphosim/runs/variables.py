@@ -42,6 +42,29 @@ PER_TIME = {
     "stage": Variable(("time",), str, None, "stage of the protocol"),
     "events": Variable(("time",), str, None, "divisions, removals, changes since the save before"),
     "rms_speed": Variable(("time",), "f8", "um", "root mean square of the cells' speed, per time"),
+    "n_aggregates": Variable(("time",), "i4", "1", "number of aggregates of cells in contact"),
+    "single_cells": Variable(("time",), "i4", "1", "number of cells without contact"),
+    "largest_aggregate": Variable(("time",), "i4", "1", "number of cells of the largest aggregate"),
+    "sorting_index": Variable(
+        ("time",), "f8", "1", "share of the contacts that are between cells of the same type"
+    ),
+    "radius_of_gyration": Variable(
+        ("time",), "f8", "um", "radius of gyration of the largest aggregate"
+    ),
+    "roundness": Variable(
+        ("time",), "f8", "1", "shortest over longest semi-axis of the largest aggregate"
+    ),
+    "aggregate_sphericity": Variable(
+        ("time",), "f8", "1",
+        "surface of a ball of the largest aggregate's volume over its exposed surface"
+    ),
+    "aggregate": Variable(PER_CELL, "f8", "1", "number of the cell's aggregate, 0 the largest"),
+    "radial_position": Variable(
+        PER_CELL, "f8", "um", "distance from the centre of the cell's aggregate"
+    ),
+    "exposed_fraction": Variable(
+        PER_CELL, "f8", "1", "share of the cell's surface that touches no other cell"
+    ),
     "type": Variable(PER_CELL, str, None, "type of the cell"),
     "volume": Variable(PER_CELL, "f8", "um3", "volume, integral of phi"),
     "target_volume": Variable(PER_CELL, "f8", "um3", "target volume V(t)"),
