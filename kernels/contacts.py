@@ -12,6 +12,8 @@ from numba import prange
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.surfaces import corners, crossings, cubes_of, cut_cube, load_extent
 
+COVERED = 7
+"""Place in a piece of the largest area that one neighbour covers."""
 REACH = 2
 """Pieces of surface count in cubes of whose points one is in the neighbour's extent, and in those
 next to them: a piece can lie half in the contact with its centre outside."""
@@ -81,6 +83,7 @@ def cut_row(values, first, found, sx, sy, level, cubes, pieces):
         pieces[k, 0] = area
         pieces[k, 1], pieces[k, 2], pieces[k, 3] = x * scale, y * scale, z * scale
         pieces[k, 4], pieces[k, 5], pieces[k, 6] = normal(v)
+        pieces[k, COVERED] = 0.0
 
 
 @inline_kernel()
@@ -105,7 +108,9 @@ def covered_in_row(j, fields, u, v, w, found, cubes, pieces, level):
     area = 0.0
     for k in range(found):
         if z0 <= cubes[k] < z1:
-            area += covered(j, fields, u, v, w + cubes[k], pieces[k], level)
+            part = covered(j, fields, u, v, w + cubes[k], pieces[k], level)
+            area += part
+            pieces[k, COVERED] = max(pieces[k, COVERED], part)
     return area
 
 
@@ -123,7 +128,10 @@ def meet_row(
     i, fields, level, neighbour_level, neighbours, x, y, z, values, row, found, sx, sy, cubes,
     pieces, out,
 ):  # fmt: skip
-    """Add the contacts in one row of cubes; its first is at lattice position (x, y, z)."""
+    """Add the contacts in one row of cubes; its first is at lattice position (x, y, z).
+
+    Returns the area that is in contact with any neighbour.
+    """
     is_cut = False
     for n in range(neighbours.start[i], neighbours.start[i + 1]):
         j = neighbours.cell[n]
@@ -133,14 +141,20 @@ def meet_row(
                 cut_row(values, row, found, sx, sy, level, cubes, pieces)
                 is_cut = True
             out[n] += covered_in_row(j, fields, u, v, w, found, cubes, pieces, neighbour_level)
+    touched = 0.0
+    if is_cut:
+        for k in range(found):
+            touched += pieces[k, COVERED]
+    return touched
 
 
 @kernel()
 def meet(i, fields, level, neighbour_level, neighbours, values, cubes, pieces, out):
-    """Contact areas of cell i, `out` at the places of its neighbours."""
+    """Contact areas of cell i, `out` at the places of its neighbours; returns their union's."""
     out[neighbours.start[i] : neighbours.start[i + 1]] = 0
+    touched = 0.0
     if neighbours.start[i] == neighbours.start[i + 1]:
-        return
+        return touched
     load_extent(i, fields, values)
     nx, ny, nz = cubes_of(i, fields)
     sx, sy = (ny + 1) * (nz + 1), nz + 1
@@ -152,14 +166,15 @@ def meet(i, fields, level, neighbour_level, neighbours, values, cubes, pieces, o
             row = x * sx + y * sy
             found, _ = crossings(values, row, nz, sx, sy, level, cubes)
             if found > 0:
-                meet_row(
+                touched += meet_row(
                     i, fields, level, neighbour_level, neighbours, x0 + x, y0 + y, z0, values, row,
                     found, sx, sy, cubes, pieces, out,
                 )  # fmt: skip
+    return touched
 
 
 @parallel_kernel()
-def contacts(bounds, fields, level, neighbour_level, neighbours, work, out):
+def contacts(bounds, fields, level, neighbour_level, neighbours, work, out, touched):
     """Area of that part of each cell's surface φ = level on which a neighbour's φ is as large.
 
     Parameters
@@ -171,10 +186,11 @@ def contacts(bounds, fields, level, neighbour_level, neighbours, work, out):
     neighbours : Neighbours
     work : Work
     out : (len(neighbours.cell),) float64, overwritten; in squared lattice steps
+    touched : (N,) float64, overwritten with the area on which any neighbour's φ is as large
     """
     for worker in prange(bounds.shape[0] - 1):
         for i in range(bounds[worker], bounds[worker + 1]):
-            meet(
+            touched[i] = meet(
                 i, fields, level, neighbour_level, neighbours, work.values[worker],
                 work.cubes[worker], work.pieces[worker], out,
             )  # fmt: skip

@@ -96,7 +96,8 @@ def _centres(measured: Measurement, members: Integers) -> Real:
 
 def _semi_axes(measured: Measurement, chosen: NDArray[np.bool_]) -> Real:
     """Semi-axes of the ellipsoid of some cells' second moments, the shortest first, µm."""
-    chosen = chosen & np.isfinite(measured.semi_axes).all(axis=1)
+    solid = measured.enclosed_volume > 0
+    chosen = chosen & solid & np.isfinite(measured.semi_axes).all(axis=1)
     if not chosen.any():
         return np.full(3, np.nan)
     weight = measured.enclosed_volume[chosen] / measured.enclosed_volume[chosen].sum()

@@ -53,7 +53,7 @@ def contact_areas(fields: Sequence[CellField], spacing: float) -> dict[tuple[str
         `spacing` is not positive.
     """
     _validate.number("spacing", spacing, above=0)
-    pairs, areas = pair_areas(prepare(*pack(fields)), spacing)
+    pairs, areas, _ = pair_areas(prepare(*pack(fields)), spacing)
     names = [f.name for f in fields]
     return {
         (names[i], names[j]): area
@@ -101,13 +101,23 @@ def prepare(
     work = Work(
         values=np.empty((threads, most), phi.dtype),
         cubes=np.empty((threads, longest), np.int64),
-        pieces=np.empty((threads, longest, 7)),
+        pieces=np.empty((threads, longest, 8)),
     )
     return Prepared(bounds, fields, work)
 
 
-def pair_areas(prepared: Prepared, spacing: float) -> tuple[Integers, NDArray[np.float64]]:
-    """Pairs (P, 2) of cells in contact, i < j and sorted, and their contact areas (P,) in µm²."""
+def pair_areas(
+    prepared: Prepared, spacing: float
+) -> tuple[Integers, NDArray[np.float64], NDArray[np.float64]]:
+    """Which cells are in contact, and over what area.
+
+    Returns
+    -------
+    pairs : (P, 2) int64, i < j and sorted
+    areas : (P,) float64, µm²
+    touched : (N,) float64
+        Area of that part of each cell's surface φ = 0.34 where any neighbour has φ >= 0.2, µm².
+    """
     fields = prepared.fields
     low, high = fields.origin + fields.extent[:, :, 0], fields.origin + fields.extent[:, :, 1]
     pairs = overlapping(low - 1, high + 1)  # from the cubes of one in reach of the other
@@ -117,14 +127,15 @@ def pair_areas(prepared: Prepared, spacing: float) -> tuple[Integers, NDArray[np
         start=np.searchsorted(both[order, 0], np.arange(len(fields.start) + 1)),
         cell=both[order, 1],
     )
-    found = np.zeros(len(order))
+    found, touched = np.zeros(len(order)), np.zeros(len(fields.start))
     contacts(
-        prepared.bounds, fields, SURFACE_LEVEL, NEIGHBOUR_LEVEL, neighbours, prepared.work, found
-    )
+        prepared.bounds, fields, SURFACE_LEVEL, NEIGHBOUR_LEVEL, neighbours, prepared.work, found,
+        touched,
+    )  # fmt: skip
     sides = np.zeros(len(order))
     sides[order] = found
     areas = sides.reshape(2, -1).mean(axis=0) * spacing**2
-    return pairs[areas > 0], areas[areas > 0]
+    return pairs[areas > 0], areas[areas > 0], touched * spacing**2
 
 
 def overlapping(low: Integers, high: Integers) -> Integers:

@@ -100,9 +100,8 @@ def measure(
     with np.errstate(invalid="ignore"):
         sphericity = np.pi ** (1 / 3) * (6 * enclosed) ** (2 / 3) / area
         irregularity = np.sqrt(area) / np.cbrt(enclosed)
-    pairs, contact_area = pair_areas(prepared, spacing)
+    pairs, contact_area, touched = pair_areas(prepared, spacing)
     whole, _ = _surfaces(prepared, SURFACE_LEVEL, spacing)
-    touched = np.bincount(pairs.ravel(), np.repeat(contact_area, 2), len(start))
     with np.errstate(invalid="ignore"):
         exposed = np.maximum(1 - touched / whole, 0)
     return Measurement(

@@ -50,7 +50,7 @@ def make_work(fields: Fields, threads: int) -> Work:
     return Work(
         np.full((threads, points.prod(axis=1).max()), np.nan, fields.phi.dtype),
         np.full((threads, longest), -7),
-        np.full((threads, longest, 7), np.nan),
+        np.full((threads, longest, 8), np.nan),
     )
 
 

@@ -56,10 +56,18 @@ def covered(piece: Piece, fields: Fields, j: int) -> float:
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_contact_areas(way: str, dtype: type) -> None:
     fields = with_extents(random_fields(6, dtype), LOW_LEVEL)
-    found = np.full(len(PAIRS), 1e30)
+    found, touched = np.full(len(PAIRS), 1e30), np.full(len(SHAPES), 1e30)
     work = make_work(fields, threads=3)
-    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found)
+    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, touched)
     expected = [sum(covered(p, fields, j) for p in pieces(fields, i, LEVEL)) for i, j in PAIRS]
+    union = [
+        sum(
+            max((covered(p, fields, j) for k, j in PAIRS if k == i), default=0)
+            for p in pieces(fields, i, LEVEL)
+        )
+        for i in range(len(SHAPES))
+    ]
+    np.testing.assert_allclose(touched, union, rtol=1e-9, atol=1e-12)
     assert min(expected[0], expected[3]) > 10
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
     assert (found[[1, 2, 4, 5, 6]] == 0).all(), "contact with a cell far away or faint"
@@ -68,9 +76,11 @@ def test_contact_areas(way: str, dtype: type) -> None:
 @both_ways
 def test_a_cell_without_neighbours_is_skipped(way: str) -> None:
     fields = with_extents(random_fields(6))
+    touched = np.full(len(SHAPES), 1e30)
     nobody = Neighbours(np.zeros(len(SHAPES) + 1, np.int64), np.zeros(0, np.int64))
     work = make_work(fields, threads=3)
-    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, nobody, work, np.zeros(0))
+    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, nobody, work, np.zeros(0), touched)
+    assert (touched == 0).all()
     assert np.isnan(work.values).all()
 
 
@@ -84,6 +94,8 @@ def test_all_of_the_surface_within_a_larger_cell_is_in_contact(way: str) -> None
     with_extents(fields)
     found = np.zeros(len(PAIRS))
     work = make_work(fields, threads=3)
-    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found)
+    taken(contacts, way)(
+        BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, np.zeros(len(SHAPES))
+    )
     assert found[0] == pytest.approx(sum(p.area for p in pieces(fields, 0, LEVEL)))
     assert found[3] == 0
