@@ -23,8 +23,8 @@ class Work(NamedTuple):
     cubes: np.ndarray
     """(threads, cubes along z) int64: places of the cubes of a row that the surface crosses."""
     pieces: np.ndarray
-    """(threads, cubes along z, 8) float64: area, centre and normal of the surface in these, and of what
-    area neighbours cover."""
+    """(threads, cubes along z, 8) float64: area, centre and normal of the surface in these, and the
+    area that neighbours cover."""
 
 
 @inline_kernel()
