@@ -44,7 +44,9 @@ def main() -> None:
     scene = scene.with_numerics(threads=options.threads)
     if options.run:
         with open_run(options.run) as run:
-            scene = scene.with_fields(load_fields(run, run.sizes["time"] - 1), float(run.attrs["spacing_um"]))
+            scene = scene.with_fields(
+                load_fields(run, run.sizes["time"] - 1), float(run.attrs["spacing_um"])
+            )
     simulations = {name: Simulation(chosen) for name, chosen in variants(scene).items()}
     for simulation in simulations.values():
         simulation.step(20)

@@ -1,8 +1,8 @@
 """The synNotch scenes over time: figures of their aggregates, and Fig. 6 of the paper.
 
 Run as `python examples/synnotch.py RUNS`, a directory that holds the runs `asymmetric-3`,
-`asymmetric-2`, `symmetric`, `repair` and `dissociation`; those that are missing are simulated (about
-half an hour each). Writes RUNS/synnotch_figures.png and RUNS/synnotch.png.
+`asymmetric-2`, `symmetric`, `repair` and `dissociation`; those that are missing are simulated
+(about half an hour each). Writes RUNS/synnotch_figures.png and RUNS/synnotch.png.
 """
 
 import sys

@@ -32,6 +32,7 @@ _EXPORTS = {
     "Measurement": "measure",
     "measure_fields": "measure",
     "Numerics": "numerics",
+    "packed_cells": "packing",
     "Physics": "physics",
     "ProgressBar": "progress",
     "relaxed": "relaxation",
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
     from morphosim.matlab import import_matlab
     from morphosim.measure import Measurement, measure_fields
     from morphosim.numerics import Numerics
+    from morphosim.packing import packed_cells
     from morphosim.physics import Physics
     from morphosim.progress import ProgressBar
     from morphosim.relaxation import relaxed
@@ -89,8 +91,8 @@ __all__ = [
     "Numerics", "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "SegmentationWarning",
     "Simulation", "Sphere", "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene",
     "contact_areas", "export", "import_labels", "import_matlab", "load_fields", "load_scene",
-    "measure_fields", "open_run", "pack", "read_labels", "relaxed", "save_scene", "scene_names",
-    "touching",
+    "measure_fields", "open_run", "pack", "packed_cells", "read_labels", "relaxed", "save_scene",
+    "scene_names", "touching",
 ]  # fmt: skip
 
 
