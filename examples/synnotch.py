@@ -12,10 +12,13 @@ import matplotlib.pyplot as plt
 import xarray as xr
 
 from morphosim import ProgressBar, RunWriter, Simulation, built_in_scene, open_run
+from morphosim.pictures.plot import draw
+from morphosim.synnotch import LOWER, UPPER
 
 COLOURS = {"R": "#d55e00", "G": "#009e73", "B": "#0072b2"}
 ROWS = ("asymmetric-3", "asymmetric-2", "symmetric", "repair", "dissociation")
 TIMES = range(0, 50001, 10000)
+BOX, VIEW = (LOWER, UPPER), (1.0, 0.35, 0.45)
 
 
 def simulate(runs: Path, name: str) -> None:
@@ -76,6 +79,27 @@ def draw_figures(runs: dict[str, xr.Dataset], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def draw_cells(runs: dict[str, xr.Dataset], path: Path) -> None:
+    """Rows of scenes, columns of times: the cells in their box (Fig. 6)."""
+    figure = plt.figure(figsize=(15, 2.5 * len(runs) + 0.3))
+    grid = figure.add_gridspec(
+        len(runs), len(TIMES), left=0.03, right=1, bottom=0, top=0.97, wspace=0, hspace=0
+    )
+    for row, (name, run) in enumerate(runs.items()):
+        for column, time in enumerate(TIMES):
+            ax = figure.add_subplot(grid[row, column])
+            cut = name == "repair" and time == 0  # the first save is that before the cut
+            draw(
+                ax, run, 500 if cut else time, VIEW, by="type", colours=COLOURS, names=False,
+                bounds=BOX, scale_bar=row == column == 0, axes=False, foot=0.0,
+            )  # fmt: skip
+            if row == 0:
+                ax.set_title(f"{time:,}".replace(",", "\u2009"), fontsize=11)
+        middle = (ax.get_position().y0 + ax.get_position().y1) / 2
+        figure.text(0.015, middle, name, rotation=90, va="center", ha="center", fontsize=11)
+    figure.savefig(path, dpi=110)
+
+
 def main() -> None:
     """Simulate what is missing and draw."""
     folder = Path(sys.argv[1])
@@ -84,6 +108,7 @@ def main() -> None:
             simulate(folder, name)
     runs = {name: open_run(folder / name) for name in ROWS}
     draw_figures(runs, folder / "synnotch_figures.png")
+    draw_cells(runs, folder / "synnotch.png")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""`ds.morpho`: fields, surfaces, contacts, lineage and trajectories of a run.
+"""`ds.morpho`: fields, surfaces, contacts, lineage, trajectories and pictures of a run.
 
 Importing this module makes every xarray Dataset have it; it is meant for those of `open_run`.
 """
 
 import difflib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from morphosim.surfaces import SURFACE, Surface, cell_surface
 
 if TYPE_CHECKING:
     import networkx as nx
+    from matplotlib.figure import Figure
 
 MOST_NEAR_NAMES = 8
 PHI = {"units": "1", "long_name": "phase field"}
@@ -187,6 +189,18 @@ class MorphoAccessor:
             for (name, text), values in zip(_MOTION.items(), moves, strict=True)
         }
         return xr.Dataset({"position": position.variable, **table}, position.coords)
+
+    def plot(self, time: float | None = None, **options: Any) -> "Figure":
+        """Figure of the cells and their contacts, see `morphosim.pictures.plot.plot`."""
+        from morphosim.pictures.plot import plot
+
+        return plot(self._run, time, **options)
+
+    def film(self, path: str | Path, **options: Any) -> None:
+        """Film of the cells, see `morphosim.pictures.film.film`."""
+        from morphosim.pictures.film import film
+
+        film(self._run, path, **options)
 
     def save_number(self, time: float | None = None) -> int:
         """Number of the save nearest to `time`, from 0; the last for None."""

@@ -31,4 +31,6 @@ def open_run(path: str | Path) -> "xr.Dataset":
     if not saves:
         message = f"{path} holds no run: there is no save-*.nc"
         raise FileNotFoundError(message)
-    return merged(saves)
+    run = merged(saves)
+    run.encoding["source"] = str(path.absolute())  # as xarray tells it of a file
+    return run

@@ -1,0 +1,71 @@
+"""Commands that draw saved runs: `plot`, `film`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from morphosim.cli.app import app
+
+Run = Annotated[Path, typer.Argument(help="directory or packed file of a run")]
+By = Annotated[
+    str, typer.Option(help="what colours tell: cell, type, volume (its error), stage or lineage")
+]
+Shell = Annotated[bool, typer.Option(help="draw the shell, or the edges of the box")]
+Mirror = Annotated[
+    bool, typer.Option("--mirror", help="reverse z: the built-in embryos are left-handed")
+]
+
+
+@app.command()
+def plot(
+    directory: Run,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="picture to write: .png, .jpg, .pdf, .svg, ...")
+    ],
+    time: Annotated[float | None, typer.Option(help="nearest save; the last by default")] = None,
+    by: By = "cell",
+    view: Annotated[
+        list[str] | None,
+        typer.Option(help="x, y, z, -x, -y, -z or corner; repeatable; by default z, x and y"),
+    ] = None,
+    names: Annotated[bool, typer.Option(help="write the names on the cells")] = True,
+    shell: Shell = True,
+    matrix: Annotated[bool, typer.Option(help="add the contact matrix")] = True,
+    mirror: Mirror = False,
+) -> None:
+    """Draw the cells of a run at one time, in several views."""
+    from morphosim.pictures.plot import plot as write
+    from morphosim.runs.reader import open_run
+
+    with open_run(directory) as data:
+        write(
+            data, time, by=by, views=view or "three", names=names, shell=shell, matrix=matrix,
+            mirror=mirror, path=output,
+        )  # fmt: skip
+    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
+
+
+@app.command()
+def film(
+    directory: Run,
+    output: Annotated[Path, typer.Option("-o", "--output", help="film to write: .mp4 or .gif")],
+    by: By = "cell",
+    view: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z or corner")] = "z",
+    turn: Annotated[float, typer.Option(help="degrees by which the camera goes around")] = 0.0,
+    fps: Annotated[float, typer.Option(help="frames per second")] = 12.0,
+    names: Annotated[bool, typer.Option(help="write the names on the cells")] = False,
+    shell: Shell = True,
+    mirror: Mirror = False,
+) -> None:
+    """Make a film of a run, one frame per save."""
+    from morphosim.pictures.film import film as write
+    from morphosim.progress import progress_line
+    from morphosim.runs.reader import open_run
+
+    with open_run(directory) as data, progress_line() as tell:
+        write(
+            data, output, by=by, view=view, turn=turn, fps=fps, names=names, shell=shell,
+            mirror=mirror, tell=lambda done, of: tell("film", done, of),
+        )  # fmt: skip
+    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")

@@ -1,0 +1,187 @@
+"""Triangle meshes of cells and of the shell around them, which every picture is made of."""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim import _validate
+from morphosim.fields import CellField
+from morphosim.pictures.needs import need
+from morphosim.runs.fields import load_fields, spacing, time_index, variable
+from morphosim.surfaces import cell_surface
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from morphosim.confinement import Confinement
+
+SHELL_POINTS = 60
+"""Points along the longest side of a shell."""
+SMOOTHINGS = 2
+"""How often normals are averaged over the triangles around."""
+SCENE_FILE, SCENE_TEXT = "scene.toml", "scene_toml"
+"""Where a run directory and a packed run keep the scene."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellMesh:
+    """Closed triangle mesh, seen from outside counterclockwise.
+
+    Attributes
+    ----------
+    name, type : str
+        Of the cell; of a shell "shell" and "".
+    vertices : (V, 3) float32, µm
+    faces : (F, 3) int32, indices of vertices
+    """
+
+    name: str
+    type: str
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+
+
+def cell_meshes(run: "xr.Dataset", time: float | None = None) -> list[CellMesh]:
+    """Surfaces φ = 1/2 of the cells of the save nearest to `time`, or of the last.
+
+    Parameters
+    ----------
+    run : Dataset of `open_run`
+    time : float, optional
+
+    Returns
+    -------
+    list of CellMesh, in the order of `run.cell`; a cell that is nowhere above 1/2 is left out
+
+    Raises
+    ------
+    ValueError
+        The save was made without fields, or the Dataset is not a whole run.
+    """
+    if time is not None:
+        _validate.number("time", time)
+    save = time_index(run, time)
+    kinds = variable(run, "type", "time", "cell")[save].values
+    names = variable(run, "cell", "cell").values
+    types = {str(name): str(kind) for name, kind in zip(names, kinds, strict=True)}
+    return field_meshes(load_fields(run, save), spacing(run), types)
+
+
+def field_meshes(
+    fields: Iterable[CellField], spacing: float, types: Mapping[str, str] | None = None
+) -> list[CellMesh]:
+    """Surfaces φ = 1/2 of fields, as a running simulation has them.
+
+    Parameters
+    ----------
+    fields : of the cells
+    spacing : float, µm
+    types : optional
+        Type of each cell by name; "" for cells that it lacks.
+    """
+    types = types or {}
+    surfaces = (cell_surface(field, spacing) for field in fields)
+    return [
+        CellMesh(
+            surface.name,
+            types.get(surface.name, ""),
+            surface.vertices.astype(np.float32),
+            surface.faces.astype(np.int32),
+        )
+        for surface in surfaces
+        if len(surface.faces)
+    ]
+
+
+def reduced(mesh: CellMesh, triangles: int) -> CellMesh:
+    """Simplify a mesh to about so many triangles. Needs PyVista.
+
+    By quadric error metrics, and so that the volume stays nearly the same; a mesh with fewer
+    triangles is returned as it is.
+    """
+    _validate.integer("triangles", triangles, least=4)
+    if len(mesh.faces) <= triangles:
+        return mesh
+    poly_data = need("pyvista", "a mesh of fewer triangles").PolyData
+    surface = poly_data.from_regular_faces(mesh.vertices, mesh.faces)
+    reduction = 1 - triangles / len(mesh.faces)
+    small = surface.decimate(reduction, volume_preservation=True)
+    return replace(
+        mesh,
+        vertices=np.asarray(small.points, np.float32),
+        faces=np.asarray(small.regular_faces, np.int32),
+    )
+
+
+def normals(mesh: CellMesh) -> NDArray[np.float32]:
+    """Unit normals of the vertices, outward, averaged so that no triangles show: (V, 3)."""
+    corners = mesh.vertices[mesh.faces]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for _ in range(SMOOTHINGS):
+        flat = _at_vertices(mesh, flat)[mesh.faces].mean(axis=1)
+    return _at_vertices(mesh, flat)
+
+
+def _at_vertices(mesh: CellMesh, flat: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit vectors along the sum of what the triangles around a vertex have: (V, 3)."""
+    summed = np.zeros_like(mesh.vertices)
+    for corner in mesh.faces.T:
+        np.add.at(summed, corner, flat)
+    lengths = np.linalg.norm(summed, axis=1, keepdims=True)
+    return np.asarray(np.divide(summed, lengths, out=np.zeros_like(summed), where=lengths > 0))
+
+
+def mirrored(mesh: CellMesh) -> CellMesh:
+    """Reflect a mesh in the plane z = 0; outside stays outside."""
+    flip = np.array([1, 1, -1], np.float32)
+    return replace(mesh, vertices=mesh.vertices * flip, faces=mesh.faces[:, ::-1])
+
+
+def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMesh:
+    """Surface of a confinement, where its depth is 0.
+
+    Parameters
+    ----------
+    confinement : what `Scene.confinement` may be
+    points : int
+        Points along the longest side.
+    """
+    from skimage.measure import marching_cubes
+
+    _validate.integer("points", points, least=8)
+    low, high = confinement.bounds()
+    step = float((high - low).max()) / points
+    axes = [np.arange(a - 2 * step, b + 2.5 * step, step) for a, b in zip(low, high, strict=True)]
+    depth = confinement.depth(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    vertices, faces, _, _ = marching_cubes(np.asarray(depth, np.float32), 0.0)
+    origin = np.array([axis[0] for axis in axes])
+    return CellMesh(
+        "shell",
+        "",
+        (vertices * step + origin).astype(np.float32),
+        np.asarray(faces[:, ::-1], np.int32),
+    )
+
+
+def run_confinement(run: "xr.Dataset") -> "Confinement | None":
+    """Confinement of a run, from the scene that its directory or its packed file holds.
+
+    None in open space, and where the scene is not known: a Dataset that is not of `open_run`, a
+    scene that a file cannot hold, a packed run whose confinement is an image.
+    """
+    from morphosim.scenefile import load_scene, scene_from_table
+
+    source = Path(run.encoding.get("source", ""))
+    if (source / SCENE_FILE).is_file():
+        return load_scene(source / SCENE_FILE).confinement
+    if SCENE_TEXT not in run.attrs:
+        return None
+    try:
+        return scene_from_table(tomllib.loads(run.attrs[SCENE_TEXT]), source.parent).confinement
+    except FileNotFoundError:  # the images are not in the packed file
+        return None

@@ -1,0 +1,294 @@
+"""Figures of a run: the cells in several views, and who touches whom.
+
+`plot` makes a whole figure. For figures of another layout, `draw` fills the axes of one panel, and
+`render` gives the bare pixels.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphosim import _validate
+from morphosim._files import replacing
+from morphosim.pictures.camera import THREE, VIEWS, View, camera, directions
+from morphosim.pictures.layout import Layout, layout
+from morphosim.pictures.needs import need
+from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from morphosim.pictures.painter import Painter, Panel
+
+FORMATS = (".png", ".jpg", ".jpeg", ".pdf", ".svg", ".tif", ".tiff", ".webp")
+DPI = 120
+FOOT = 0.45
+"""Inches below the cells for scale bar and axes."""
+
+
+def plot(
+    run: "xr.Dataset",
+    time: float | None = None,
+    *,
+    by: str = "cell",
+    views: str | Sequence[View] = "three",
+    colours: Mapping[str, object] | None = None,
+    names: bool = True,
+    shell: bool = True,
+    matrix: bool = True,
+    mirror: bool = False,
+    size: tuple[float, float] | None = None,
+    path: str | Path | None = None,
+) -> "Figure":
+    """Figure of the save nearest to `time`: the cells, and the areas of their contacts.
+
+    Parameters
+    ----------
+    run : Dataset of `open_run`
+    time : float, optional
+        The last save by default.
+    by : {"cell", "type", "volume", "stage", "lineage"}
+        What colours tell, see `cell_colours`.
+    views : "three", a view, or several
+        "three": along z, x and y, placed as in a technical drawing. A view is "x", "y", "z",
+        "-x", "-y", "-z" (the camera is at that end of the axis), "corner", or the direction (3,)
+        from the cells to the camera.
+    colours : optional
+        Colours by name, in place of those chosen.
+    names : bool
+        Whether cells that are seen well have their names; none is over another.
+    shell : bool
+        Whether the shell is drawn, translucent, or the edges of the box.
+    matrix : bool
+        Whether to add the contact matrix, µm².
+    mirror : bool
+        Whether to reverse z. The coordinates of the embryo scenes are left-handed (x to the
+        posterior, y dorsal, z to the right), so that drawn as they are, they show the embryo's
+        mirror image. With `mirror` the picture is the anatomy: the view along z shows it from
+        its left, with small z in front.
+    size : (float, float), optional
+        Width and height in inches; by default what the views need.
+    path : path, optional
+        Picture to write: PNG, JPEG, TIFF or WebP, or PDF or SVG around pixels.
+
+    Returns
+    -------
+    matplotlib Figure
+
+    Raises
+    ------
+    ValueError
+        A word is not known, or the run lacks what it takes: fields, or contacts.
+    ImportError
+        PyVista or matplotlib is not installed.
+    OSError
+        The picture cannot be written, or the system has no library to draw with.
+    """
+    chosen = _views(views)
+    for name, flag in (("names", names), ("shell", shell), ("matrix", matrix)):
+        _validate.flag(name, flag)
+    target = None if path is None else _checked(Path(path))
+    need("matplotlib", "a figure")
+    around = surroundings(run, mirror) if shell else Surroundings()
+    seen = sight(run, time, by, colours, mirror, around)
+    figure = _composed(seen, chosen, names, mirror, size, _contacts(run, time) if matrix else None)
+    if target is not None:
+        with replacing(target) as partial:
+            figure.savefig(partial, format=target.suffix[1:].lower())
+    return figure
+
+
+def draw(
+    ax: "Axes",
+    run: "xr.Dataset",
+    time: float | None = None,
+    view: View = "z",
+    *,
+    by: str = "cell",
+    colours: Mapping[str, object] | None = None,
+    names: bool = True,
+    shell: bool = True,
+    mirror: bool = False,
+    bounds: ArrayLike | None = None,
+    scale_bar: bool = True,
+    axes: bool = True,
+    foot: float | None = None,
+) -> "Panel":
+    """Draw the cells in the axes of a matplotlib figure, in as many pixels as these have.
+
+    Parameters
+    ----------
+    ax : Axes
+        Must have its final size.
+    view : see `views` of `plot`
+    bounds : (2, 3) µm, optional
+        Corners of the box to have in view, the same for panels that are to be compared; by
+        default the shell or box, or else the cells.
+    scale_bar, axes : bool
+        Whether to draw a scale bar, and arrows along x, y and z.
+    foot : float, optional
+        Inches to leave free below the cells, the same for panels that are to be compared; by
+        default what scale bar and axes take.
+
+    For the other parameters and errors see `plot`.
+
+    Returns
+    -------
+    Panel, which knows where things are
+    """
+    from morphosim.pictures.painter import Painter
+
+    need("matplotlib", "a figure")
+    box = None if bounds is None else checked_bounds(bounds, mirror)
+    around = surroundings(run, mirror) if shell else Surroundings()
+    seen = sight(run, time, by, colours, mirror, around)
+    with Painter() as painter:
+        return draw_sight(
+            ax, seen, painter, view, box, names=names, mirror=mirror, scale_bar=scale_bar,
+            axes=axes, foot=foot,
+        )  # fmt: skip
+
+
+def draw_sight(
+    ax: "Axes",
+    seen: Sight,
+    painter: "Painter",
+    view: View,
+    points: NDArray[np.float64] | None = None,
+    *,
+    names: bool,
+    mirror: bool,
+    scale_bar: bool = True,
+    axes: bool = True,
+    foot: float | None = None,
+    scale: float | None = None,
+) -> "Panel":
+    """Draw what is to be seen in axes.
+
+    Parameters
+    ----------
+    points : (N, 3) µm, optional
+        What to have in view.
+    scale : float, optional
+        µm per pixel, in place of the smallest that has it all in view.
+
+    For the other parameters see `draw`.
+    """
+    from morphosim.pictures import annotate
+
+    seen.load(painter)
+    if foot is None:
+        foot = FOOT if scale_bar or axes else 0.0
+    free = annotate.inches(ax, _validate.number("foot", foot, least=0))
+    shown = seen.points if points is None else points
+    panel = painter.paint(camera(view, shown, annotate.pixels_of(ax), scale=scale, foot=free))
+    annotate.show_panel(ax, panel)
+    if names:
+        annotate.write_names(ax, panel)
+    if scale_bar:
+        annotate.draw_bar(ax, panel.camera)
+    if axes:
+        annotate.draw_axes(ax, panel.camera, mirror)
+    return panel
+
+
+def render(
+    run: "xr.Dataset",
+    time: float | None = None,
+    view: View = "z",
+    *,
+    by: str = "cell",
+    colours: Mapping[str, object] | None = None,
+    shell: bool = True,
+    mirror: bool = False,
+    bounds: ArrayLike | None = None,
+    size: tuple[int, int] = (800, 600),
+) -> NDArray[np.uint8]:
+    """Pixels of the cells in one view: (height, width, 3), red, green and blue from 0 to 255.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height in pixels.
+
+    For the other parameters and errors see `draw` and `plot`.
+    """
+    from morphosim.pictures.painter import Painter
+
+    width, height = (_validate.integer("size", pixels, least=8) for pixels in size)
+    box = None if bounds is None else checked_bounds(bounds, mirror)
+    around = surroundings(run, mirror) if shell else Surroundings()
+    seen = sight(run, time, by, colours, mirror, around)
+    with Painter() as painter:
+        seen.load(painter)
+        where = camera(view, seen.points if box is None else box, (width, height))
+        return painter.paint(where).image
+
+
+def _views(views: str | Sequence[View]) -> list[View]:
+    """Views of a figure; ValueError if one is not known."""
+    if isinstance(views, str):
+        _validate.choice("views", views, ("three", *VIEWS))
+        return list(THREE) if views == "three" else [views]
+    single = len(views) > 0 and not any(isinstance(view, str) or np.ndim(view) for view in views)
+    chosen: list[Any] = [views] if single else list(views)
+    if not chosen:
+        message = "views is empty; give at least one, or 'three'"
+        raise ValueError(message)
+    for view in chosen:
+        directions(view)
+    return chosen
+
+
+def _checked(path: Path) -> Path:
+    """Path of a picture that can be written; raises before work is done in vain."""
+    _validate.choice(f"extension of {path}", path.suffix.lower(), FORMATS)
+    if not path.parent.is_dir():
+        message = f"{path} cannot be written: there is no directory {path.parent}"
+        raise FileNotFoundError(message)
+    return path
+
+
+def _contacts(run: "xr.Dataset", time: float | None) -> tuple[list[str], NDArray, list[str]]:
+    """Names, contact areas (N, N) in µm² and groups of the cells of a save, group by group."""
+    from morphosim.lazyfields import contacts
+    from morphosim.pictures.colours import groups, living
+    from morphosim.runs.fields import time_index
+
+    save = time_index(run, time)
+    group, there = groups(run, save), set(living(run, save))
+    names = [name for name in group if name in there]
+    place = {name: k for k, name in enumerate(names)}
+    areas = np.zeros((len(names), len(names)))
+    for a, b, area in contacts(run, save):
+        if a in place and b in place:
+            areas[place[a], place[b]] = areas[place[b], place[a]] = area
+    return names, areas, [group[name] for name in names]
+
+
+def _composed(
+    seen: Sight, views: Sequence[View], names: bool, mirror: bool,
+    size: tuple[float, float] | None, contacts: tuple[list[str], NDArray, list[str]] | None,
+) -> "Figure":  # fmt: skip
+    """Figure of views and contact matrix, with title and legend above."""
+    from morphosim.pictures import annotate
+    from morphosim.pictures.painter import Painter
+
+    plan: Layout = layout(seen, views, contacts is not None, FOOT, size)
+    figure = annotate.Picture(figsize=plan.size, dpi=DPI)
+    figure.suptitle(seen.title, fontsize=12, y=1 - 0.12 / plan.size[1], va="top")
+    annotate.draw_key(figure, seen.colouring, plan.key_top)
+    with Painter() as painter:
+        for view, place in zip(views, plan.places, strict=False):
+            draw_sight(
+                figure.add_axes(plan.share(place)), seen, painter, view, names=names,
+                mirror=mirror, scale=1 / plan.per_micrometre / DPI,
+            )  # fmt: skip
+    if contacts is not None:
+        annotate.draw_matrix(figure.add_axes(plan.share(plan.places[-1], annotate.ROOM)), *contacts)
+    return figure

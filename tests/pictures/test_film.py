@@ -1,0 +1,121 @@
+"""Films: as many frames as saves, of even size, that show what is there at the time."""
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.typing import NDArray
+
+from morphosim.pictures.film import film
+
+from .made import BOX, GREEN, RED, Ball, made_run
+
+PACKAGES = ("pyvista", "matplotlib", "imageio_ffmpeg")
+pytestmark = pytest.mark.skipif(
+    not all(map(find_spec, PACKAGES)), reason="the extra pictures is not installed"
+)
+
+SMALL: dict[str, Any] = {
+    "size": (321, 301), "by": "type", "colours": {"R": RED, "G": GREEN}, "bounds": BOX,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run() -> xr.Dataset:
+    """A red ball that goes to the right and then becomes green."""
+    return made_run(
+        [{"a": Ball((x, 15, 15), type=kind)} for x, kind in ((6, "R"), (15, "R"), (24, "G"))]
+    )
+
+
+def frames_of(path: Path) -> tuple[str, NDArray]:
+    """What ffmpeg says of a film of 320 x 300 pixels, and its frames (frame, row, column, band)."""
+    import imageio_ffmpeg
+
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-")
+    done = subprocess.run([ffmpeg, "-i", str(path), *raw], capture_output=True, check=True)
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, 300, 320, 3)
+    return next(line for line in done.stderr.decode().splitlines() if "Video:" in line), frames
+
+
+def middle(frame: NDArray, band: int) -> float:
+    """Middle column of what is of a primary colour; NaN if nothing is."""
+    others = np.delete(frame.astype(int), band, axis=2).max(axis=2)
+    columns = np.nonzero((frame[..., band].astype(int) > others + 60)[80:])[1]
+    return float(columns.mean()) if len(columns) > 50 else np.nan
+
+
+def test_a_film_has_a_frame_per_save_and_shows_it(run: xr.Dataset, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    film(run, tmp_path / "film.mp4", tell=lambda done, of: told.append((done, of)), **SMALL)
+    about, frames = frames_of(tmp_path / "film.mp4")
+    for fact in ("h264", "yuv420p", " 320x300", " 12 fps"):
+        assert fact in about
+    assert len(frames) == 3
+    left, center = (middle(frame, 0) for frame in frames[:2])
+    assert left + 20 < center == pytest.approx(160, abs=4)
+    assert middle(frames[2], 1) > center + 20
+    assert np.isnan(middle(frames[2], 0))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_a_film_may_be_a_gif_of_chosen_times(run: xr.Dataset, tmp_path: Path) -> None:
+    from PIL import Image
+
+    film(run, tmp_path / "film.gif", times=[0, 20], fps=5, **SMALL)
+    with Image.open(tmp_path / "film.gif") as image:
+        assert image.n_frames == 2  # type: ignore[attr-defined]
+        assert image.size == (320, 300)
+        assert image.info["duration"] == 200
+        assert image.info["loop"] == 0
+        assert middle(np.asarray(image.convert("RGB")), 0) < 140
+
+
+def test_a_camera_may_go_around_one_save(run: xr.Dataset, tmp_path: Path) -> None:
+    film(run, tmp_path / "film.mp4", times=[0] * 3, turn=180, **SMALL)
+    places = [middle(frame, 0) for frame in frames_of(tmp_path / "film.mp4")[1]]
+    assert places[0] + 20 < places[1] < places[2] - 20
+    assert places[1] == pytest.approx(160, abs=4)
+    assert places[0] + places[2] == pytest.approx(320, abs=6)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("film.avi", {}, "extension of .*film.avi = '.avi' is not known"),
+        ("film.mp4", {"fps": 0}, "fps = 0 is not allowed"),
+        ("film.mp4", {"times": []}, "times is empty"),
+        ("film.mp4", {"size": (10, 100)}, "size = 10 is not allowed"),
+        ("film.mp4", {"view": "above"}, "view = 'above' is not known"),
+        ("film.mp4", {"view": "-y", "turn": 90}, "view = '-y' cannot turn"),
+        ("film.mp4", {"by": "age"}, "by = 'age' is not known"),
+    ],
+)
+def test_errors_leave_no_file(
+    run: xr.Dataset, name: str, options: dict, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        film(run, tmp_path / name, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_folder_is_named(run: xr.Dataset, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"there is no directory .*nowhere"):
+        film(run, tmp_path / "nowhere" / "film.mp4")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_missing_package_is_named(
+    run: xr.Dataset, package: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=rf"{package}; try: pip install 'morphosim\[pictures\]'"):
+        film(run, tmp_path / "film.mp4")
+    assert list(tmp_path.iterdir()) == []

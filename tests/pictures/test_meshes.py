@@ -1,0 +1,126 @@
+"""Meshes: where the fields are, closed, outside out, small if they are to be."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from morphosim import Cell, Scene, Sphere, save_scene
+from morphosim.confinement import BoxWalls, EllipsoidShell
+from morphosim.fields import CellField
+from morphosim.pictures.meshes import (
+    CellMesh,
+    cell_meshes,
+    field_meshes,
+    mirrored,
+    normals,
+    reduced,
+    run_confinement,
+    shell_mesh,
+)
+
+from .made import HIGH, LOW, PAIR, Ball, made_run
+
+BALL = 4 / 3 * np.pi * 4.0**3
+
+
+def volume(mesh: CellMesh) -> float:
+    """µm³, negative if the inside is out."""
+    a, b, c = np.moveaxis(mesh.vertices.astype(np.float64)[mesh.faces], 1, 0)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def open_edges(faces: NDArray) -> int:
+    """Edges that do not have one triangle on each side."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return len({tuple(e) for e in edges} ^ {tuple(e[::-1]) for e in edges})
+
+
+def test_cells_are_where_their_fields_are() -> None:
+    low, high = cell_meshes(made_run([PAIR]))
+    assert (low.name, low.type, high.name, high.type) == ("low", "R", "high", "G")
+    for mesh, center in ((low, LOW), (high, HIGH)):
+        np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), 8, atol=0.05)
+        np.testing.assert_allclose(mesh.vertices.mean(axis=0), center, atol=0.02)
+        assert volume(mesh) == pytest.approx(BALL, rel=0.02)
+        assert open_edges(mesh.faces) == 0
+        assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float32, np.int32)
+
+
+def test_the_save_nearest_to_a_time_is_taken() -> None:
+    run = made_run([PAIR, {"high": Ball((5, 5, 5), type="B")}])
+    assert [mesh.name for mesh in cell_meshes(run, 4)] == ["low", "high"]
+    assert [(mesh.name, mesh.type) for mesh in cell_meshes(run)] == [("high", "B")]
+
+
+def test_a_field_nowhere_above_a_half_has_no_mesh() -> None:
+    field = CellField("faint", np.zeros(3, np.int64), np.full((4, 4, 4), 0.3))
+    assert field_meshes([field], 0.5) == []
+
+
+def test_reduced_meshes_are_small_closed_and_keep_their_volume() -> None:
+    pytest.importorskip("pyvista", reason="the extra pictures is not installed")
+    mesh = cell_meshes(made_run([PAIR]))[0]
+    small = reduced(mesh, 200)
+    assert 150 < len(small.faces) <= 200 < len(mesh.faces)
+    assert volume(small) == pytest.approx(volume(mesh), rel=0.03)
+    assert open_edges(small.faces) == 0
+    assert reduced(mesh, 10**6) is mesh
+
+
+def test_normals_point_outward() -> None:
+    mesh = cell_meshes(made_run([PAIR]))[0]
+    radial = mesh.vertices - np.array(LOW)
+    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
+    assert (np.sum(normals(mesh) * radial, axis=1) > 0.97).all()
+
+
+def test_mirrored_meshes_have_z_reversed_and_the_outside_out() -> None:
+    mesh = mirrored(cell_meshes(made_run([PAIR]))[0])
+    np.testing.assert_allclose(mesh.vertices.mean(axis=0), (7, 9, -11), atol=0.02)
+    assert volume(mesh) == pytest.approx(BALL, rel=0.02)
+
+
+def test_a_shell_is_the_surface_of_its_confinement() -> None:
+    mesh = shell_mesh(
+        EllipsoidShell(center=(1, 2, 3), semi_axes=(10, 8, 6), cut=(np.inf, np.inf, 4))
+    )
+    np.testing.assert_allclose(mesh.vertices.min(axis=0), (-9, -6, -1), atol=0.1)
+    np.testing.assert_allclose(mesh.vertices.max(axis=0), (11, 10, 7), atol=0.1)
+    part = 4 / 6 - (4 / 6) ** 3 / 3  # of the ellipsoid's half that the cut leaves
+    assert volume(mesh) == pytest.approx(2 * np.pi * 10 * 8 * 6 * part, rel=0.01)
+    assert open_edges(mesh.faces) == 0
+
+
+def scene(confinement: object) -> Scene:
+    return Scene(
+        cells=[Cell(name="a", shape=Sphere(center=(5, 5, 5), radius=3))],
+        confinement=confinement,  # type: ignore[arg-type]
+    )
+
+
+def test_the_confinement_is_that_of_the_scene_file(tmp_path: Path) -> None:
+    walls = BoxWalls(lower=(0, 0, 0), upper=(10, 11, 12))
+    save_scene(scene(walls), tmp_path / "scene.toml")
+    run = made_run([PAIR])
+    assert run_confinement(run) is None
+    packed = run.assign_attrs(scene_toml=(tmp_path / "scene.toml").read_text())
+    run.encoding["source"] = str(tmp_path)
+    for known in (run, packed):
+        found = run_confinement(known)
+        assert isinstance(found, BoxWalls)
+        np.testing.assert_array_equal(found.bounds(), walls.bounds())
+    save_scene(scene(None), tmp_path / "scene.toml")
+    assert run_confinement(run) is None
+
+
+@pytest.mark.parametrize(("time", "error"), [("now", TypeError), (float("nan"), ValueError)])
+def test_a_time_is_a_number(time: object, error: type[Exception]) -> None:
+    with pytest.raises(error, match="time = "):
+        cell_meshes(made_run([PAIR]), time)  # type: ignore[arg-type]
+
+
+def test_a_run_without_fields_says_so() -> None:
+    with pytest.raises(ValueError, match="the run has no fields"):
+        cell_meshes(made_run([PAIR]).drop_vars("phi"))
