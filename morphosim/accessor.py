@@ -4,6 +4,7 @@ Importing this module makes every xarray Dataset have it; it is meant for those 
 """
 
 import difflib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,8 @@ from morphosim.surfaces import SURFACE, Surface, cell_surface
 if TYPE_CHECKING:
     import networkx as nx
     from matplotlib.figure import Figure
+
+    from morphosim.pictures.show import Page
 
 MOST_NEAR_NAMES = 8
 PHI = {"units": "1", "long_name": "phase field"}
@@ -201,6 +204,12 @@ class MorphoAccessor:
         from morphosim.pictures.film import film
 
         film(self._run, path, **options)
+
+    def show(self, times: int | Iterable[float] | None = 25) -> "Page":
+        """3-D view in a notebook, see `morphosim.pictures.show.show`."""
+        from morphosim.pictures.show import show
+
+        return show(self._run, times)
 
     def save_number(self, time: float | None = None) -> int:
         """Number of the save nearest to `time`, from 0; the last for None."""

@@ -1,4 +1,4 @@
-"""Commands that draw saved runs: `plot`, `film`."""
+"""Commands that draw saved runs: `plot`, `film`, `show`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -68,4 +68,24 @@ def film(
             data, output, by=by, view=view, turn=turn, fps=fps, names=names, shell=shell,
             mirror=mirror, tell=lambda done, of: tell("film", done, of),
         )  # fmt: skip
+    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
+
+
+@app.command()
+def show(
+    directory: Run,
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write")] = Path(
+        "view.html"
+    ),
+    times: Annotated[
+        int | None, typer.Option(min=1, help="so many saves, evenly spread; by default all")
+    ] = None,
+) -> None:
+    """Write a 3-D view of a run as one HTML file, which needs no network."""
+    from morphosim.pictures.show import save_page
+    from morphosim.progress import progress_line
+    from morphosim.runs.reader import open_run
+
+    with open_run(directory) as data, progress_line() as tell:
+        save_page(data, output, times, tell=lambda done, of: tell("view", done, of))
     typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")

@@ -143,7 +143,7 @@ def mirrored(mesh: CellMesh) -> CellMesh:
 
 
 def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMesh:
-    """Surface of a confinement, where its depth is 0.
+    """Surface of a confinement, where its depth is 0; plane walls are two triangles each.
 
     Parameters
     ----------
@@ -153,8 +153,12 @@ def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMe
     """
     from skimage.measure import marching_cubes
 
+    from morphosim.confinement import BoxWalls
+
     _validate.integer("points", points, least=8)
     low, high = confinement.bounds()
+    if isinstance(confinement, BoxWalls):
+        return _box(low, high)
     step = float((high - low).max()) / points
     axes = [np.arange(a - 2 * step, b + 2.5 * step, step) for a, b in zip(low, high, strict=True)]
     depth = confinement.depth(*np.meshgrid(*axes, indexing="ij", sparse=True))
@@ -165,6 +169,22 @@ def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMe
         "",
         (vertices * step + origin).astype(np.float32),
         np.asarray(faces[:, ::-1], np.int32),
+    )
+
+
+def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> CellMesh:
+    """Six plane faces, each with corners of its own so that edges stay sharp."""
+    vertices, faces = [], []
+    for axis in range(3):
+        for side in (0, 1):
+            square = np.array([[a, b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])
+            corner = np.insert(square, axis, side, axis=1)
+            along = (axis == 1) != bool(side)  # (u, v, axis) is left-handed for y
+            order = [[0, 1, 2], [0, 2, 3]] if along else [[0, 2, 1], [0, 3, 2]]
+            faces += (np.array(order) + 4 * len(vertices)).tolist()
+            vertices.append(low + corner * (high - low))
+    return CellMesh(
+        "shell", "", np.concatenate(vertices).astype(np.float32), np.array(faces, np.int32)
     )
 
 

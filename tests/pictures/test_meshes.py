@@ -124,3 +124,13 @@ def test_a_time_is_a_number(time: object, error: type[Exception]) -> None:
 def test_a_run_without_fields_says_so() -> None:
     with pytest.raises(ValueError, match="the run has no fields"):
         cell_meshes(made_run([PAIR]).drop_vars("phi"))
+
+
+def test_plane_walls_are_a_closed_box_of_twelve_triangles() -> None:
+    mesh = shell_mesh(BoxWalls(lower=(0, 1, 2), upper=(10, 20, 30)))
+    assert mesh.faces.shape == (12, 3)
+    corners = mesh.vertices[mesh.faces].astype(float)
+    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    assert volume == pytest.approx(10 * 19 * 28)  # positive: all triangles look outward
+    flat = np.abs(normals(mesh)).max(axis=1)
+    np.testing.assert_allclose(flat, 1)

@@ -1,0 +1,27 @@
+// What the colours mean: entries, or a colour bar.
+
+import { capital, element } from "./format.js";
+
+export function drawLegend(box, way, entries) {
+  const parts = way.scale ? bar(way.scale) : list(entries);
+  box.replaceChildren(...(parts.length ? [element("h2", {}, capital(way.title)), ...parts] : []));
+}
+
+function list(entries) {
+  if (!entries.length) return [];
+  const rows = entries.map(([text, colour]) =>
+    element("li", {}, element("span", { class: "swatch", style: `background:${colour}` }), text),
+  );
+  return [element("ul", {}, ...rows)];
+}
+
+function bar({ low, high, stops, ticks }) {
+  const marks = ticks.map(([value, text]) => {
+    const left = (100 * (value - low)) / (high - low || 1);
+    return element("span", { style: `left:${left.toFixed(1)}%` }, text.replace("-", "−"));
+  });
+  return [
+    element("div", { class: "bar", style: `background:linear-gradient(to right, ${stops.join(", ")})` }),
+    element("div", { class: "ticks" }, ...marks),
+  ];
+}

@@ -1,0 +1,263 @@
+"""What the viewer's page shows, as plain data: a run, or one time of a running simulation."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphosim import _validate
+from morphosim.lazyfields import contacts
+from morphosim.pictures.colours import BY, TITLES, Scale, cell_colours, living
+from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
+from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
+from morphosim.pictures.needs import need
+from morphosim.pictures.palettes import hexed
+from morphosim.runs.fields import time_index, variable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Tell = Callable[[int, int], None]
+"""Told what is done, how much of it is done, and of how much."""
+ALL_TRIANGLES = 3_000_000
+"""A page holds about so many triangles by default: some 17 MB."""
+FEWEST, MOST = 200, 1500
+"""Triangles of a cell by default are between these."""
+LIVE_TRIANGLES = 800
+SHELL_TRIANGLES = 3000
+LARGE = ("phi", "label")
+"""Variables of a run that the figures of cells do not need."""
+FIGURES = {"volume": "volume", "target": "target_volume", "surface": "surface_area"}
+"""Figures of a cell, and the variables of a run that hold them."""
+
+
+def run_data(
+    run: "xr.Dataset",
+    times: int | Iterable[float] | None = None,
+    triangles: int | None = None,
+    tell: Tell | None = None,
+) -> dict[str, Any]:
+    """All that the viewer shows of a run. Needs PyVista.
+
+    Parameters
+    ----------
+    run : Dataset of `open_run`
+    times : whole number or numbers, optional
+        So many saves, evenly spread from the first to the last, or the saves nearest to these
+        times. By default all.
+    triangles : int, optional
+        Most triangles of a cell. By default 200 to 1500, so that a page of up to 15000 cells,
+        summed over all times, has less than 20 MB.
+    tell : callable, optional
+        Told how many saves are done.
+
+    Returns
+    -------
+    dict that JSON can hold
+        `title`; `cells` with `name` and `parent`; `colourings`; `shell`, a packed mesh or None;
+        `bounds`, two corners in µm; `frames`, one of each save as `frame` makes them.
+
+    Raises
+    ------
+    ValueError
+        A save was made without fields, the Dataset is not a whole run, or `times` is empty.
+    ImportError
+        PyVista is not installed.
+    """
+    need("pyvista", "the viewer")
+    saves = _saves(run, times)
+    figures = run.drop_vars(LARGE, errors="ignore").load()
+    confinement = run_confinement(run)
+    shell = [] if confinement is None else [shell_mesh(confinement)]
+    corners = [_corners(shell)] if shell else []
+    triangles = _default_triangles(figures, saves) if triangles is None else triangles
+    frames = []
+    for done, save in enumerate(saves, 1):
+        meshes = cell_meshes(run, float(figures["time"].values[save]))
+        frames.append(_save_frame(figures, save, meshes, triangles))
+        corners += [_corners(meshes)] if meshes else []
+        if tell is not None:
+            tell(done, len(saves))
+    return {
+        "title": str(run.attrs.get("scene", "")),
+        "cells": _family(figures),
+        "colourings": _colourings(figures, saves),
+        "shell": packed(shell, SHELL_TRIANGLES) if shell else None,
+        "bounds": _bounds(corners),
+        "frames": frames,
+    }
+
+
+def frame(
+    time: float,
+    meshes: Sequence[CellMesh],
+    figures: Mapping[str, Mapping[str, Any]] | None = None,
+    *,
+    stage: str = "",
+    triangles: int = LIVE_TRIANGLES,
+) -> dict[str, Any]:
+    """One time for the viewer. Needs PyVista.
+
+    Parameters
+    ----------
+    time : float, *in silico*
+    meshes : of the cells that are there, as `cell_meshes` and `field_meshes` make them
+    figures : optional
+        Of cells by name: any of `volume` and `target` (µm³), `surface` (µm²) and `neighbours`,
+        the contact area (µm²) by name. What is missing is not shown.
+    stage : str
+        Of the protocol.
+    triangles : int
+        Most triangles of a cell.
+    """
+    need("pyvista", "the viewer")
+    triangles = min(_validate.integer("triangles", triangles, least=4), MOST_TRIANGLES)
+    names = [mesh.name for mesh in meshes]
+    known = [(figures or {}).get(name, {}) for name in names]
+    return {
+        "time": _validate.number("time", time),
+        "stage": stage,
+        "cells": names,
+        "types": [mesh.type for mesh in meshes],
+        **{key: [_rounded(of.get(key)) for of in known] for key in FIGURES},
+        "contacts": _contact_list(names, known),
+        "mesh": packed(meshes, triangles),
+    }
+
+
+def _saves(run: "xr.Dataset", times: int | Iterable[float] | None) -> list[int]:
+    """Numbers of the saves to show, in order, each once."""
+    count = int(run.sizes["time"])
+    if times is None:
+        return list(range(count))
+    if isinstance(times, int):
+        number = min(_validate.integer("times", times, least=1), count)
+        # one time alone is the last
+        return [round(save) for save in np.linspace(count - 1, 0, number)[::-1].tolist()]
+    saves = sorted({time_index(run, _validate.number("times", time)) for time in times})
+    if not saves:
+        message = "times is empty; give at least one, or None for all"
+        raise ValueError(message)
+    return saves
+
+
+def _default_triangles(figures: "xr.Dataset", saves: Sequence[int]) -> int:
+    """Triangles of a cell for a page of the usual size."""
+    cells = sum(len(living(figures, save)) for save in saves)
+    return int(np.clip(ALL_TRIANGLES // max(cells, 1), FEWEST, MOST))
+
+
+def _save_frame(
+    figures: "xr.Dataset", save: int, meshes: Sequence[CellMesh], triangles: int
+) -> dict[str, Any]:
+    """Frame of a save."""
+    names = variable(figures, "cell", "cell").values.astype(str).tolist()
+    of_cells: dict[str, dict[str, Any]] = {name: {"neighbours": {}} for name in names}
+    for key, column in FIGURES.items():
+        if column in figures:
+            values = variable(figures, column, "time", "cell")[save].values
+            for name, value in zip(names, values.tolist(), strict=True):
+                of_cells[name][key] = value
+    for a, b, area in contacts(figures, save):
+        of_cells[a]["neighbours"][b] = area
+    return frame(
+        float(figures["time"].values[save]),
+        meshes,
+        of_cells,
+        stage=str(variable(figures, "stage", "time").values[save]),
+        triangles=triangles,
+    )
+
+
+def _contact_list(
+    names: Sequence[str], figures: Sequence[Mapping[str, Any]]
+) -> list[tuple[int, int, float | None]]:
+    """Places of two cells in `names` and their contact area, each pair once."""
+    places = {name: k for k, name in enumerate(names)}
+    areas: dict[tuple[int, int], float | None] = {}
+    for k, of in enumerate(figures):
+        for other, area in of.get("neighbours", {}).items():
+            if other in places:
+                pair = (min(k, places[other]), max(k, places[other]))
+                areas[pair] = _rounded(area)
+    return [(i, j, area) for (i, j), area in areas.items()]
+
+
+def _rounded(value: float | None) -> float | None:
+    """Five digits, more than anybody reads; None where there is no number."""
+    if value is None or not np.isfinite(value):
+        return None
+    return float(f"{float(value):.5g}")
+
+
+def _family(figures: "xr.Dataset") -> list[dict[str, str]]:
+    """Name and mother of every cell of the run."""
+    names, parents = (
+        variable(figures, key, "cell").values.astype(str).tolist() for key in ("cell", "parent")
+    )
+    return [{"name": name, "parent": of} for name, of in zip(names, parents, strict=True)]
+
+
+Corners = tuple[np.ndarray, np.ndarray]
+
+
+def _corners(meshes: Sequence[CellMesh]) -> Corners:
+    """Lowest and highest coordinates, µm: two of (3,)."""
+    points = np.concatenate([mesh.vertices for mesh in meshes])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _bounds(corners: Sequence[Corners]) -> list[list[float]]:
+    """Corners of all that is ever shown."""
+    low, high = zip(*corners, strict=True) if corners else ([np.zeros(3)], [np.ones(3)])
+    return [np.min(low, axis=0).astype(float).tolist(), np.max(high, axis=0).astype(float).tolist()]
+
+
+def _colourings(figures: "xr.Dataset", saves: Sequence[int]) -> list[dict[str, Any]]:
+    """What cells can be coloured by, leaving out what gives all the same colour."""
+    made = [_colouring(figures, saves, by) for by in BY]
+    return [
+        of
+        for of in made
+        if of["by"] in ("cell", "volume")
+        or len(set(of["cells"].values()) | set(of["types"].values())) > 1
+    ]
+
+
+def _colouring(figures: "xr.Dataset", saves: Sequence[int], by: str) -> dict[str, Any]:
+    """Colours of all cells that are in these saves; of types by type.
+
+    `legend` holds the entries of all saves; the page shows those of cells that are there.
+    """
+    seen: set[str] = set()
+    cells: dict[str, str] = {}
+    legend: dict[str, str] = {}
+    scale: Scale | None = None
+    for save in saves:
+        there = set(living(figures, save))
+        if there <= seen and by != "type":
+            continue
+        seen |= there
+        made = cell_colours(figures, float(figures["time"].values[save]), by)
+        cells |= {name: hexed(colour) for name, colour in made.colours.items()}
+        legend |= {text: hexed(colour) for text, colour in made.legend}
+        scale = made.scale or scale
+    return {
+        "by": by,
+        "title": TITLES.get(by, "volume error, %"),
+        "cells": {} if by in ("type", "volume") else cells,
+        "types": legend if by == "type" else {},
+        # names of cells stand on them
+        "legend": [] if by == "cell" else list(legend.items()),
+        "scale": None if scale is None else _bar(scale),
+    }
+
+
+def _bar(scale: Scale) -> dict[str, Any]:
+    """Colour bar."""
+    return {
+        "low": float(scale.low),
+        "high": float(scale.high),
+        "stops": [hexed(stop) for stop in scale.stops],
+        "ticks": [[float(value), text] for value, text in scale.ticks],
+    }
