@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 MODULES = (
     "format", "unpack", "colours", "materials", "embryo", "cut", "ids", "labels", "axes", "legend",
-    "chart", "card", "cells", "timeline", "picture", "messages", "main",
+    "chart", "card", "cells", "timeline", "picture", "messages", "inputs", "main",
 )  # fmt: skip
 """The page's JavaScript, each after those that it imports."""
 NOTEBOOK_TIMES = 25

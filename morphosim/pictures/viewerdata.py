@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Tell = Callable[[int, int], None]
-"""Told what is done, how much of it is done, and of how much."""
+"""Told how many saves are done, and of how many."""
 ALL_TRIANGLES = 3_000_000
 """A page holds about so many triangles by default: some 17 MB."""
 FEWEST, MOST = 200, 1500

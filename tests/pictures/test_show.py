@@ -267,6 +267,16 @@ def test_names_and_shell_can_be_switched_off(tab: "Tab", data: dict[str, Any]) -
     assert names_shown(tab) == set()
 
 
+def test_of_two_runs_at_once_the_last_is_shown(tab: "Tab", data: dict[str, Any]) -> None:
+    alone = picture(tab)
+    shell = shell_mesh(EllipsoidShell(center=(5.0, 5.0, 5.0), semi_axes=(4.0, 4.0, 4.0)))
+    other = {**data, "title": "other", "shell": packed([shell], 1000), "bounds": [[0] * 3, [9] * 3]}
+    script = "all => all.forEach((data) => postMessage({ morphosim: 'load', data }, '*'))"
+    tab.evaluate(script, [other, {**data, "title": "last"}])
+    assert changed(alone, picture(tab)) < 0.001
+    assert tab.inner_text("#title") == "last"
+
+
 def test_picture_is_a_png(tab: "Tab") -> None:
     from imageio.v3 import imread
 

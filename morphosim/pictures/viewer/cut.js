@@ -53,9 +53,7 @@ export class Cut {
 
   // Caps take the colours of their cells.
   paint() {
-    for (const { cell, plain } of this.capped) {
-      plain.color.copy(cell.plain.color).lerp(WHITE, 0.12).add(cell.plain.emissive);
-    }
+    for (const { cell, plain } of this.capped) plain.color.copy(cell.plain.color).add(cell.plain.emissive);
   }
 
   clear() {
@@ -142,5 +140,3 @@ export class Cut {
     return points;
   }
 }
-
-const WHITE = new THREE.Color("#ffffff");

@@ -8,6 +8,7 @@ import { Cut } from "./cut.js";
 import { Embryo } from "./embryo.js";
 import { byId, element, number, timeText } from "./format.js";
 import { Ids } from "./ids.js";
+import { connect } from "./inputs.js";
 import { Labels } from "./labels.js";
 import { drawLegend } from "./legend.js";
 import { listen, tell } from "./messages.js";
@@ -15,7 +16,6 @@ import { savePicture } from "./picture.js";
 import { Timeline } from "./timeline.js";
 import { Unpacked, unpack } from "./unpack.js";
 
-const CLICK = 5; // pixels that a click may move
 const LABELS_EVERY = 140; // ms between two searches for what is seen, while the view moves
 
 class Viewer {
@@ -68,7 +68,10 @@ class Viewer {
     if (!same) this.forget();
     this.offerColourings();
     byId("title").textContent = data.title || "MorphoSim";
-    this.embryo.setShell(data.shell ? (await unpack(data.shell))[0] : null);
+    const mine = this.data;
+    const shell = data.shell ? (await unpack(data.shell))[0] : null;
+    if (this.data !== mine) return; // overtaken by another run
+    this.embryo.setShell(shell);
     byId("shell").hidden = !data.shell;
     this.embryo.setBounds(data.bounds);
     if (!same) this.embryo.look();
@@ -248,92 +251,6 @@ function whenText(frame) {
   const parts = [`t = ${timeText(frame.time)}`, frame.stage && `stage ${frame.stage}`];
   parts.push(count === 1 ? "1 cell" : `${count} cells`);
   return parts.filter(Boolean).join(" · ");
-}
-
-// Buttons, mouse, keys.
-function connect(viewer) {
-  byId("by").addEventListener("change", (event) => {
-    viewer.by = event.target.value;
-    viewer.refresh();
-  });
-  toggle("shell", (on) => (viewer.embryo.shell.visible = on));
-  toggle("names", (on) => (viewer.labels.on = on));
-  toggle("mirror", (on) => viewer.embryo.mirror(on));
-  toggle("panel-button", (on) => byId("panel").classList.toggle("open", on));
-  byId("reset").addEventListener("click", () => viewer.embryo.look());
-  byId("picture").addEventListener("click", () => viewer.frame && viewer.savePicture());
-  connectCut(viewer);
-  connectMouse(viewer);
-  document.addEventListener("keydown", (event) => key(viewer, event));
-
-  function toggle(id, act) {
-    byId(id).addEventListener("click", () => {
-      const on = byId(id).getAttribute("aria-pressed") !== "true";
-      byId(id).setAttribute("aria-pressed", on);
-      act(on);
-      viewer.refresh();
-    });
-  }
-}
-
-function connectCut(viewer) {
-  const { cut } = viewer;
-  byId("cut").addEventListener("click", () => {
-    cut.on = !cut.on;
-    cut.faceCamera();
-    viewer.setCut();
-  });
-  for (const radio of document.querySelectorAll("[name=axis]")) {
-    radio.addEventListener("change", () => {
-      cut.axis = Number(radio.value);
-      cut.faceCamera();
-      viewer.setCut();
-    });
-  }
-  byId("cut-place").addEventListener("input", (event) => {
-    cut.share = Number(event.target.value);
-    viewer.setCut();
-  });
-  byId("cut-flip").addEventListener("click", () => {
-    cut.keepsLow = !cut.keepsLow;
-    viewer.setCut();
-  });
-}
-
-// A press that does not move picks; a drag turns the view.
-function connectMouse(viewer) {
-  const canvas = byId("canvas");
-  let pressed = null;
-  canvas.addEventListener("pointerdown", (event) => {
-    pressed = event.isPrimary && event.button === 0 ? [event.clientX, event.clientY] : null;
-  });
-  canvas.addEventListener("pointerup", (event) => {
-    if (!pressed || !viewer.frame) return;
-    const moved = Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
-    pressed = null;
-    const { left, top } = canvas.getBoundingClientRect();
-    if (moved < CLICK) viewer.pickAt(event.clientX - left, event.clientY - top);
-  });
-}
-
-function key(viewer, event) {
-  const typing = event.target.matches("input[type=search], input[type=range], input[type=radio], select");
-  if (event.ctrlKey || event.metaKey || event.altKey || (typing && event.key !== "Escape")) return;
-  const { timeline } = viewer;
-  const acts = {
-    ArrowLeft: () => timeline.step(-1),
-    ArrowRight: () => timeline.step(1),
-    Home: () => timeline.jump(0),
-    End: () => timeline.jump(Infinity),
-    Escape: () => viewer.pick(null),
-    c: () => byId("cut").click(),
-    n: () => byId("names").click(),
-    r: () => byId("reset").click(),
-  };
-  if (event.key === " " && !event.target.matches("button, input")) acts[" "] = () => byId("play").click();
-  if (!acts[event.key]) return;
-  event.preventDefault();
-  acts[event.key]();
 }
 
 function begin() {
