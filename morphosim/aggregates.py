@@ -106,4 +106,4 @@ def _semi_axes(measured: Measurement, chosen: NDArray[np.bool_]) -> Real:
     own = measured.principal_axes[chosen] * measured.semi_axes[chosen][:, :, None] / np.sqrt(5)
     moments = np.einsum("n,ni,nj->ij", weight, place, place)
     moments += np.einsum("n,nki,nkj->ij", weight, own, own)
-    return np.sqrt(5 * np.maximum(np.linalg.eigvalsh(moments), 0))
+    return np.asarray(np.sqrt(5 * np.maximum(np.linalg.eigvalsh(moments), 0)))

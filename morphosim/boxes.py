@@ -143,22 +143,22 @@ class BoxPool:
                 self.box(i, self.history)[:] = 0
             self.survey(i)
 
-    def contents(self) -> dict[str, NDArray]:
-        """All that `restore` needs, box after box in the order of the cells."""
+    def contents(self, cells: Integers | None = None) -> dict[str, NDArray]:
+        """All that `restore` needs, box after box in the order of the cells, or of those given."""
         held = {"phi": self.phi} if self.history is None else {
             "phi": self.phi, "history": self.history,
         }  # fmt: skip
-        everything = range(len(self))
+        chosen = np.arange(len(self)) if cells is None else cells
         bands = [
             self.band[first : first + n]
-            for first, n in zip(self.plane_start, self.shape[:, 0], strict=True)
+            for first, n in zip(self.plane_start[chosen], self.shape[chosen, 0], strict=True)
         ]
         return {
-            name: np.concatenate([self.box(i, pool).ravel() for i in everything])
+            name: np.concatenate([self.box(i, pool).ravel() for i in chosen.tolist()])
             for name, pool in held.items()
         } | {
-            "band": np.concatenate(bands), "origin": self.origin.copy(),
-            "shape": self.shape.copy(), "lost": self.lost.copy(), "surveys": self.surveys.copy(),
+            "band": np.concatenate(bands), "origin": self.origin[chosen],
+            "shape": self.shape[chosen], "lost": self.lost[chosen], "surveys": self.surveys[chosen],
         }  # fmt: skip
 
     def restore(self, contents: Mapping[str, NDArray]) -> None:
@@ -169,15 +169,19 @@ class BoxPool:
         self.start = np.array([self._slots.take(int(n)) for n in self.sizes()], np.int64)
         self.plane_start = np.array([self._planes.take(int(n)) for n in self.shape[:, 0]], np.int64)
         self._reserve()
-        sizes = self.sizes()
-        ends, planes = np.cumsum(sizes), np.cumsum(self.shape[:, 0])
-        for i in range(len(self)):
-            box, rows = slice(ends[i] - sizes[i], ends[i]), int(self.shape[i, 0])
+        self.fill(np.arange(len(self)), contents)
+
+    def fill(self, cells: Integers, contents: Mapping[str, NDArray]) -> None:
+        """Put the fields, histories and bands of `contents` into boxes of the same shapes."""
+        sizes, planes = self.sizes()[cells], self.shape[cells, 0]
+        ends, last = np.cumsum(sizes), np.cumsum(planes)
+        for k, i in enumerate(cells.tolist()):
+            box = slice(ends[k] - sizes[k], ends[k])
             self.box(i)[:] = contents["phi"][box].reshape(self.shape[i])
             if self.history is not None:
                 self.box(i, self.history)[:] = contents["history"][box].reshape(self.shape[i])
             first = int(self.plane_start[i])
-            self.band[first : first + rows] = contents["band"][planes[i] - rows : planes[i]]
+            self.band[first : first + planes[k]] = contents["band"][last[k] - planes[k] : last[k]]
 
     def remove(self, i: int) -> None:
         """Drop cell i; cells behind it move up by one."""

@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -46,6 +46,15 @@ MANY = 32
 """From so many cells per thread on, each thread takes a region of space: what neighbours share
 stays in its cache. With fewer, balance counts more."""
 DTYPES = {"single": np.float32, "double": np.float64}
+
+
+class Society(NamedTuple):
+    """What a step of some cells must know of all, so that it is the same wherever it is taken."""
+
+    gamma: NDArray[np.float64]
+    """Surface tensions: their mean is the walls', the stiffest cell sets the number of sweeps."""
+    types: Sequence[str]
+    """Types: their sums run apart where not all attract alike."""
 
 
 class Engine:
@@ -103,7 +112,7 @@ class Engine:
         self._real = self.dtype.type
         self._limits = Limits(*(self._real(v) for v in (numerics.box_tolerance, RUNAWAY, 0.5)))
         self._band_only = numerics.solver == "band" or numerics.scheme == "euler"
-        self.pool = BoxPool(self.dtype, self._limits, numerics.scheme == "bdf2", self._band_only)
+        self.pool = self._make_pool()
         self.pool.add(fields)
         self.face_peak = self.pool.surveys[:, EDGE].copy()
         self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
@@ -124,6 +133,11 @@ class Engine:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    @property
+    def society(self) -> Society:
+        """What a step must know of all cells of the simulation: here, of those of this engine."""
+        return Society(self.gamma, self.types)
 
     @property
     def volumes(self) -> NDArray[np.float64]:
@@ -244,18 +258,20 @@ class Engine:
         for name in ("gamma", "frozen", "ids", "face_peak"):
             setattr(self, name, np.delete(getattr(self, name), i))
 
+    def _make_pool(self) -> BoxPool:
+        return BoxPool(self.dtype, self._limits, self.numerics.scheme == "bdf2", self._band_only)
+
     def _relist(self) -> None:
         """Set up all that depends on which cells there are."""
-        physics, numerics, n = self.physics, self.numerics, len(self)
-        self._interactions = Interactions(
-            physics.attraction, physics.g, self.names, self.types, self.dtype, self.parents
-        )
+        self._set_terms()
+        physics, numerics, society = self.physics, self.numerics, self.society
         walls = self.confinement is not None and physics.g_e > 0
         acts = physics.g > 0 or self._interactions.attracts
-        self._coupled = walls or (n > 1 and acts)
+        self._coupled = walls or (len(society.gamma) > 1 and acts)
+        tension = float(society.gamma.mean())
         background = (
             Background(
-                wall_repulsion(self.confinement, physics.g_e, float(self.gamma.mean()), numerics),
+                wall_repulsion(self.confinement, physics.g_e, tension, numerics),
                 numerics.spacing,
                 self.dtype,
             )
@@ -263,6 +279,15 @@ class Engine:
             else None
         )
         self._cover = ColumnCover(self.dtype, self.workers, self._interactions.n_fields, background)
+        self._relayout()
+
+    def _set_terms(self) -> None:
+        """Set up what each cell has of its own, and what pairs of cells have."""
+        physics, n = self.physics, len(self)
+        self._interactions = Interactions(
+            physics.attraction, physics.g, self.names, self.types, self.dtype, self.parents,
+            self.society.types,
+        )  # fmt: skip
         self._kappa = np.array([physics.motility(kind) for kind in self.types])
         self._terms = CellTerms(
             gamma=self.gamma.astype(self.dtype),
@@ -273,7 +298,6 @@ class Engine:
         )
         self._normals = np.zeros((n, 3))
         self._weights: tuple[float, NDArray[np.floating]] | None = None
-        self._relayout()
 
     def _relayout(self) -> None:
         """Set up all that depends on where boxes are and how large."""
@@ -376,7 +400,8 @@ class Engine:
         return (
             self._bounds, self._order, self.pool.phi, self.pool.history, self.pool.boxes, terms,
             self._interactions.interaction, self._cover.columns if self._coupled else None,
-            None if pairs is None else pairs.frame_start, self._pair_potential,
+            None if pairs is None else pairs.frame_start,
+            None if pairs is None else self._pair_potential,
         )  # fmt: skip
 
     def _sweeps(self, lhs: float) -> NDArray[np.floating]:
@@ -392,7 +417,8 @@ class Engine:
         extrapolates = numerics.scheme == "bdf2" and not self.fresh
         top = largest_eigenvalue(numerics.order, numerics.spacing)
         sweeps = numerics.sweeps + (0 if extrapolates else MORE_WITHOUT_HISTORY)
-        tensions, index = np.unique(self.gamma, return_inverse=True)
+        tensions = np.unique(self.society.gamma)
+        index = np.searchsorted(tensions, self.gamma)
         while True:
             roots = [
                 sweep_roots(lhs, gamma * self.physics.c, gamma * top, sweeps)

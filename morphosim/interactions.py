@@ -25,6 +25,8 @@ class Interactions:
     dtype : of the fields
     parents : of the N cells, optional
         Names of their mothers, "" where not known; by default none has sisters.
+    society : types of all cells, optional
+        By default those of the N cells.
 
     Attributes
     ----------
@@ -42,9 +44,10 @@ class Interactions:
         types: Sequence[str],
         dtype: DTypeLike,
         parents: Sequence[str] | None = None,
+        society: Sequence[str] | None = None,
     ) -> None:
         kind: np.dtype[Any] = np.dtype(dtype)
-        known = sorted(set(types))
+        known = sorted(set(types if society is None else society))
         pull = attraction.type_matrix(known)
         index = np.searchsorted(known, types).astype(np.int64)
         if (pull == pull[0, 0]).all():

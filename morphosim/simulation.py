@@ -104,17 +104,22 @@ class Simulation:
         scene = self.scene
         self.cells = list(scene.cells) if state is None else _alive(scene, state)
         physics = scene.physics if state is None else physics_of(state.physics, self.names)
-        self.engine = Engine(
-            physics, scene.numerics, scene.confinement, self.names, *self._described(physics),
-            _start_fields(scene) if state is None else _saved_fields(state),
-            [c.parent for c in self.cells],
-        )  # fmt: skip
+        self.engine = self._make_engine(physics, state)
         self._progress = Progress(scene.stages)
         if state is not None:
             self._take_over(state)
             self._progress.restore(state)
         stability.check(scene)
         self._set_targets()
+
+    def _make_engine(self, physics: Physics, state: Snapshot | None) -> Engine:
+        """Engine of all cells, with their fields at the start or in a saved state."""
+        scene = self.scene
+        return Engine(
+            physics, scene.numerics, scene.confinement, self.names, *self._described(physics),
+            start_fields(scene, self.cells) if state is None else _saved_fields(state),
+            [c.parent for c in self.cells],
+        )  # fmt: skip
 
     @classmethod
     def from_run(
@@ -470,10 +475,18 @@ def _saved_fields(snapshot: Snapshot) -> Iterator[tuple[NDArray[np.int64], NDArr
         yield origin, phi.reshape(shape)
 
 
-def _start_fields(scene: Scene) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
-    """Origin and field of each cell, one after the other."""
+def start_fields(
+    scene: Scene, cells: Iterable[Cell]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
+    """Origin and field of each of these cells of a scene, one after the other.
+
+    Raises
+    ------
+    ValueError
+        A cell starts outside of the confinement, or is too small for the lattice.
+    """
     scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
-    for cell in scene.cells:
+    for cell in cells:
         origin, phi = lattice_field(cell, scale, spacing)
         if scene.confinement is not None:
             _check_inside(scene, cell, origin, phi)

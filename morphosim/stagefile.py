@@ -34,15 +34,16 @@ def stage_of(table: Mapping[str, Any], where: str, physics: Convert) -> Stage:
         end=_built(table["end"], ENDS, f"{where}.end"),
         limit=table.get("limit"),
         physics=physics(table.get("physics", {})),
-        **{
-            key: [
-                _event(row, f"{where}.{key}[{k}]", physics)
-                for k, row in enumerate(table.get(key, []))
-            ]
-            for key in ("events", "rules")
-        },
+        events=_events(table, "events", where, physics),
+        rules=_events(table, "rules", where, physics),
         **{key: table[key] for key in ("rules_every",) if key in table},
     )
+
+
+def _events(table: Mapping[str, Any], key: str, where: str, physics: Convert) -> list[Any]:
+    """Events or rules of a stage."""
+    rows = table.get(key, [])
+    return [_event(row, f"{where}.{key}[{k}]", physics) for k, row in enumerate(rows)]
 
 
 def _event(table: Mapping[str, Any], where: str, physics: Convert) -> Any:

@@ -11,6 +11,8 @@ import typer
 from morphosim.cli.app import INTERRUPTED, RUN_ERROR, app
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from morphosim.progress import ProgressBar
     from morphosim.scene import Scene
     from morphosim.simulation import Simulation
@@ -59,10 +61,11 @@ def run(
     resume: Annotated[
         Path | None, typer.Option(help="go on with this run, to the same end, bit for bit")
     ] = None,
+    mpi: Annotated[
+        bool, typer.Option("--mpi", help="share out the cells over the ranks of mpirun")
+    ] = False,
 ) -> None:
     """Simulate a scene and save the run, or go on with a saved one."""
-    from morphosim.library import find_scene
-
     overrides = _overrides(set_ or [])
     for key, value in (
         ("numerics.preset", preset), ("duration", until), ("numerics.dt", dt),
@@ -72,18 +75,28 @@ def run(
             overrides[key] = value
     if resume is not None:
         _check_resume([scene, output, from_, time, stage], overrides)
-        _resume(resume, overrides)
+        _resume(resume, overrides, mpi)
     if scene is None or output is None:
         message = "run needs a scene and --output, or --resume and the directory of a run"
         raise typer.BadParameter(message)
     if from_ is None and (time is not None or stage is not None):
         message = "--time and --stage say how to start from a saved run; give the run by --from"
         raise ValueError(message)
-    chosen = find_scene(scene, overrides)
-    if stage is not None:
-        chosen = chosen.from_stage(stage)
-        chosen = chosen if until is None else replace(chosen, duration=until)
-    _simulate(chosen, output, from_, time)
+    given = scene
+    _simulate(lambda: _chosen(given, overrides, stage, until), output, from_, time, mpi)
+
+
+def _chosen(
+    name: str, overrides: dict[str, Any], stage: str | None, until: float | None
+) -> "Scene":
+    """The scene as it shall run."""
+    from morphosim.library import find_scene
+
+    scene = find_scene(name, overrides)
+    if stage is None:
+        return scene
+    scene = scene.from_stage(stage)
+    return scene if until is None else replace(scene, duration=until)
 
 
 def _overrides(settings: list[str]) -> dict[str, Any]:
@@ -113,33 +126,66 @@ def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
         raise ValueError(message)
 
 
-def _resume(directory: Path, overrides: dict[str, Any]) -> None:
+def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
     """Go on with a run; a later end is written to its scene file."""
     from morphosim.runs.files import RunDirectory
     from morphosim.runs.resume import saved_state
     from morphosim.scenefile import save_scene
-    from morphosim.simulation import Simulation
 
-    scene, snapshot = saved_state(directory)
-    end = overrides.get("duration", scene.duration)
-    if end > scene.duration:
-        files = RunDirectory(directory)
-        with files.locked():
-            save_scene(replace(scene, duration=end), files.scene)
-    threads = overrides.get("numerics.threads", scene.numerics.threads)
-    scene = replace(scene, duration=end).with_numerics(threads=threads)
-    _go(Simulation(scene, snapshot), directory, resume=True)
+    def make() -> "Simulation":
+        scene, snapshot = saved_state(directory)
+        threads = overrides.get("numerics.threads", scene.numerics.threads)
+        end = overrides.get("duration", scene.duration)
+        scene = replace(scene, duration=end).with_numerics(threads=threads)
+        return _kind(mpi)(scene, snapshot)
+
+    def lengthen() -> None:
+        scene, _ = saved_state(directory)
+        end = overrides.get("duration", scene.duration)
+        if end > scene.duration:
+            files = RunDirectory(directory)
+            with files.locked():
+                save_scene(replace(scene, duration=end), files.scene)
+
+    _start(make, directory, mpi, resume=True, before=lengthen)
 
 
-def _simulate(scene: "Scene", output: Path, source: Path | None, time: float | None) -> None:
+def _simulate(
+    scene: "Callable[[], Scene]", output: Path, source: Path | None, time: float | None, mpi: bool
+) -> None:
     """Simulate a scene from its start, or from a save of another run."""
+
+    def make() -> "Simulation":
+        if source is None:
+            return _kind(mpi)(scene())
+        return _kind(mpi).from_run(source, scene=scene(), time=time)
+
+    _start(make, output, mpi)
+
+
+def _kind(mpi: bool) -> "type[Simulation]":
+    if mpi:
+        from morphosim.mpi.simulation import DistributedSimulation
+
+        return DistributedSimulation
     from morphosim.simulation import Simulation
 
-    if source is None:
-        simulation = Simulation(scene)
-    else:
-        simulation = Simulation.from_run(source, scene=scene, time=time)
-    _go(simulation, output)
+    return Simulation
+
+
+def _start(
+    make: "Callable[[], Simulation]", output: Path, mpi: bool, resume: bool = False,
+    before: "Callable[[], None]" = lambda: None,
+) -> None:  # fmt: skip
+    """Run here, or over the ranks of an MPI job."""
+    if mpi:
+        from morphosim.mpi.run import go
+
+        status = go(make, output, typer.echo, before=before, summary=_summary, resume=resume)
+        raise typer.Exit(status)
+    simulation = make()
+    before()
+    _go(simulation, output, resume)
 
 
 def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:

@@ -174,7 +174,8 @@ def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMe
 
 def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> CellMesh:
     """Six plane faces, each with corners of its own so that edges stay sharp."""
-    vertices, faces = [], []
+    vertices: list[NDArray[np.float64]] = []
+    faces: list[list[int]] = []
     for axis in range(3):
         for side in (0, 1):
             square = np.array([[a, b] for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])

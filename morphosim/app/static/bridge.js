@@ -1,0 +1,92 @@
+// Between the page's state and the 3-D viewers in its iframes.
+//
+// The state `live_stream` and `run_stream`, {key, count}, say what a viewer shows: part 0 of the
+// stream `key` opens it, the parts up to `count` are frames that follow. `run_cell` and
+// `run_index` say what is chosen. What viewers tell goes to the trigger `viewer_said`.
+(() => {
+  const wanted = { live: null, run: null };
+  const shown = { live: null, run: null };
+  const busy = { live: false, run: false };
+  const ready = { live: false, run: false };
+
+  const frame = (id) => document.getElementById(`${id}-viewer`);
+
+  function post(id, message) {
+    frame(id)?.contentWindow?.postMessage(message, window.location.origin);
+  }
+
+  async function part(key, number) {
+    const answer = await fetch(`streams/${key}/${number}`);
+    return answer.ok ? answer.json() : null;
+  }
+
+  // Bring a viewer to what is wanted, one part after the other.
+  async function follow(id) {
+    if (busy[id] || !ready[id]) return;
+    busy[id] = true;
+    try {
+      while (wanted[id]?.key && !same(id)) await next(id, wanted[id].key);
+    } finally {
+      busy[id] = false;
+    }
+  }
+
+  function same(id) {
+    return shown[id]?.key === wanted[id].key && shown[id].count >= wanted[id].count;
+  }
+
+  async function next(id, key) {
+    const begins = shown[id]?.key !== key;
+    const number = begins ? 0 : shown[id].count;
+    const data = await part(key, number);
+    shown[id] = { key, count: number + 1 };
+    if (!data) return;
+    if (begins) open(id, data);
+    else post(id, { morphosim: "append", frame: data, follow: true });
+  }
+
+  function open(id, data) {
+    post(id, { morphosim: "load", data });
+    if (id !== "run") return;
+    const state = window.trame.state.state;
+    if (state.run_index >= 0) post(id, { morphosim: "time", index: state.run_index });
+    if (state.run_cell) post(id, { morphosim: "select", cell: state.run_cell });
+  }
+
+  window.addEventListener("message", (event) => {
+    const id = ["live", "run"].find((name) => frame(name)?.contentWindow === event.source);
+    const kind = event.data?.morphosim;
+    if (!id || !kind) return;
+    if (kind === "ready") {
+      ready[id] = true;
+      shown[id] = null;
+      follow(id);
+    } else if (kind === "picked" || kind === "time") {
+      window.trame.trigger("viewer_said", [id, kind, event.data[kind === "picked" ? "cell" : "index"]]);
+    }
+  });
+
+  function watch() {
+    const state = window.trame?.state;
+    if (!state) return setTimeout(watch, 50);
+    for (const id of ["live", "run"]) {
+      state.watch([`${id}_stream`], (stream) => {
+        wanted[id] = stream;
+        follow(id);
+      });
+    }
+    state.watch(["run_cell"], (cell) => post("run", { morphosim: "select", cell: cell || null }));
+  }
+  watch();
+
+  // Send a file of an <input type="file"> to the folder; then `name` of the state is its name.
+  window.addEventListener("change", async (event) => {
+    const name = event.target?.dataset?.uploads;
+    const file = event.target?.files?.[0];
+    if (!name || !file) return;
+    const address = `files/${encodeURIComponent(file.name)}`;
+    const answer = await fetch(address, { method: "POST", body: file });
+    window.trame.trigger("uploaded", [name, answer.ok, await answer.text()]);
+    event.target.value = "";
+  });
+})();

@@ -1,0 +1,155 @@
+"""The folder that the application was started in: it reads and writes nothing outside of it."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from morphosim._files import replacing
+from morphosim.runs.files import RunDirectory
+
+DEEPEST = 4
+"""Folders are searched down to this depth."""
+MOST_ENTRIES = 20_000
+"""So many entries of folders are looked at, at most."""
+UPLOADS = "imports"
+"""Folder of files that come from the browser."""
+UPLOAD_SUFFIXES = (".mat", ".tif", ".tiff", ".npy", ".npz", ".nc", ".xls", ".xlsx", ".csv")
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """Files and runs below a folder, by their names relative to it.
+
+    Raises
+    ------
+    FileNotFoundError
+        The folder does not exist.
+    """
+
+    root: Path
+
+    def __post_init__(self) -> None:
+        if not Path(self.root).is_dir():
+            message = f"folder {self.root} does not exist"
+            raise FileNotFoundError(message)
+        object.__setattr__(self, "root", Path(self.root).resolve())
+
+    def path(self, name: str) -> Path:
+        """Path of a name, with links followed.
+
+        Raises
+        ------
+        ValueError
+            The name is empty or leads out of the folder, by "..", as a whole path or by a link.
+        """
+        if not name.strip() or "\0" in name:
+            message = f"name = {name!r} is not allowed; give the name of a file or folder"
+            raise ValueError(message)
+        place = (self.root / name.strip()).resolve()
+        if not place.is_relative_to(self.root) or place == self.root:
+            message = f"{name!r} leads out of the folder {self.root}; choose a name below it"
+            raise ValueError(message)
+        return place
+
+    def run(self, name: str) -> Path:
+        """Path of a run, directory or packed file.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is none.
+        ValueError
+            It, or one of its files, is outside of the folder.
+        """
+        place = self.path(name)
+        if not place.is_file() and not RunDirectory(place).saves:
+            message = f"there is no run {name!r} below {self.root}; choose one of the list"
+            raise FileNotFoundError(message)
+        for file in place.iterdir() if place.is_dir() else ():
+            self.path(self.name(file))
+        return place
+
+    def new_run(self, name: str) -> Path:
+        """Path of a run to come.
+
+        Raises
+        ------
+        FileExistsError
+            There is a run, or a file, of this name.
+        ValueError
+            See `path`.
+        """
+        place = self.path(name)
+        if place.exists() and (not place.is_dir() or any(place.iterdir())):
+            message = f"{name!r} exists and is not empty; give another name, or resume that run"
+            raise FileExistsError(message)
+        return place
+
+    def free(self, name: str) -> Path:
+        """Path of a file or folder to write: `name`, or name-2, name-3, … if there is one."""
+        first = place = self.path(name)
+        count = 1
+        while place.exists():
+            count += 1
+            place = first.with_name(f"{first.stem}-{count}{first.suffix}")
+        return place
+
+    @contextmanager
+    def receiving(self, name: str) -> Iterator[tuple[str, BinaryIO]]:
+        """Name below the folder, and the open file, of a file that comes from the browser.
+
+        Raises
+        ------
+        ValueError
+            It is not a file that the application can read.
+        """
+        plain = Path(name.replace("\\", "/")).name
+        if Path(plain).suffix.lower() not in UPLOAD_SUFFIXES:
+            message = f"file {name!r} has an ending that is not known; allowed are "
+            raise ValueError(message + ", ".join(UPLOAD_SUFFIXES))
+        place = self.free(f"{UPLOADS}/{plain}")
+        place.parent.mkdir(exist_ok=True)
+        with replacing(place) as partial, partial.open("wb") as file:
+            yield self.name(place), file
+
+    def name(self, path: Path) -> str:
+        """Name of a path below the folder."""
+        return path.relative_to(self.root).as_posix()
+
+    def files(self, suffixes: tuple[str, ...]) -> list[str]:
+        """Names of all files with one of these endings, outside of runs."""
+        found = []
+        for folder, names in self._folders():
+            if not any(_is_save(name) for name in names):
+                found += [
+                    self.name(folder / name) for name in names if name.lower().endswith(suffixes)
+                ]
+        return sorted(found)
+
+    def runs(self) -> list[str]:
+        """Names of all runs, the one last written to first."""
+        found: dict[str, float] = {}
+        for folder, names in self._folders():
+            saves = sorted(name for name in names if _is_save(name))
+            if saves and folder != self.root:
+                found[self.name(folder)] = (folder / saves[-1]).stat().st_mtime
+        return sorted(found, key=lambda name: (-found[name], name))
+
+    def _folders(self) -> Iterator[tuple[Path, list[str]]]:
+        """All folders with the names of their files; links and hidden folders are passed over."""
+        left = MOST_ENTRIES
+        for folder, inner, names in os.walk(self.root):
+            depth = len(Path(folder).relative_to(self.root).parts)
+            inner[:] = sorted(n for n in inner if not n.startswith(".")) if depth < DEEPEST else []
+            plain = [n for n in names if not (Path(folder) / n).is_symlink()]
+            left -= len(names) + len(inner)
+            if left < 0:
+                return
+            yield Path(folder), plain
+
+
+def _is_save(name: str) -> bool:
+    return name.startswith("save-") and name.endswith(".nc")

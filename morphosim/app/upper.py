@@ -1,0 +1,248 @@
+"""Upper half of the page: what to simulate, and the run that is going on."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from morphosim.app import worker
+from morphosim.app.processes import STOP, Desk, Job, JobError, Stopped
+from morphosim.app.routes import Streams
+from morphosim.app.settings import OWN, PRESET_NAMES, Settings, Source, facts
+from morphosim.app.store import Store
+from morphosim.library import scene_names
+
+MASK_FILES, TABLE_FILES = (".mat",), (".xls", ".xlsx", ".csv")
+IMAGE_FILES = (".tif", ".tiff", ".npy", ".npz", ".nc")
+MOST_IN_TABLE = 24
+"""Cells up to which the whole attraction matrix can be edited; beyond, one pair at a time."""
+FIRST = "celegans-8"
+
+STATE = {
+    "source_kind": "built-in", "scene_name": FIRST, "scene_names": scene_names(),
+    "masks": "", "table": "", "shell_file": "", "image": "", "voxel": "", "uploads": {},
+    "mask_files": [], "table_files": [], "image_files": [],
+    "loaded": "", "description": "", "stages": [], "has_shell": False,
+    "cells": [], "sigma": [], "pair_from": "", "pair_to": "", "pair_value": "0", "pair_both": True,
+    "duration": "", "save_every": "", "dt": "", "dts": {}, "preset": OWN,
+    "presets": list(PRESET_NAMES), "shell": True, "run_name": "runs/test", "form_error": "",
+    "status": "idle", "run_title": "", "progress": 0, "progress_text": "", "run_error": "",
+    "run_note": "", "warnings": [], "live_stream": {"key": "", "count": 0}, "reading": False,
+    "most_in_table": MOST_IN_TABLE, "first_picture": 0.0,
+}  # fmt: skip
+"""What the upper half shows at first."""
+
+
+class Upper:
+    """What the upper half does.
+
+    Parameters
+    ----------
+    state : the page's state, of trame
+    store : Store
+    streams : Streams
+    ended : coroutine function, called with the name of a run that has ended
+    """
+
+    def __init__(
+        self, state: Any, store: Store, streams: Streams, ended: Callable[[str], Awaitable[None]]
+    ) -> None:
+        self._state, self._store, self._streams, self._ended = state, store, streams, ended
+        self._source, self._runs, self._began = Source(), 0, 0.0
+        self._facts: dict[str, Any] = {}
+        self._desk: Desk | None = None
+
+    async def start(self) -> None:
+        """Begin to serve: start the process of the simulation, show the first scene."""
+        self._desk = Desk()
+        self.list_files()
+        await self.read_source()
+        await self._desk.do(worker.warm_up)
+
+    def close(self) -> None:
+        """End the simulation, which saves its state first."""
+        if self._desk is not None:
+            self._desk.close()
+
+    def list_files(self) -> None:
+        """Look for files to import."""
+        for name, suffixes in (
+            ("mask_files", MASK_FILES), ("table_files", TABLE_FILES), ("image_files", IMAGE_FILES),
+        ):  # fmt: skip
+            self._state[name] = self._store.files(suffixes)
+
+    async def read_source(self) -> None:
+        """Read the chosen scene or files, and fill the form with what is there."""
+        state = self._state
+        source = Source(
+            kind=state.source_kind, scene=state.scene_name, masks=state.masks or "",
+            table=state.table or "", shell=state.shell_file or "", image=state.image or "",
+            spacing=state.voxel or "",
+        )  # fmt: skip
+        with state:
+            state.reading, state.form_error = True, ""
+        try:
+            found = facts(await asyncio.to_thread(source.read, self._store))
+        except (ValueError, TypeError, OSError, ImportError) as error:
+            with state:
+                state.form_error, state.reading = str(error), False
+            return
+        with state:
+            self._source, self._facts = source, found
+            self._fill(found)
+            state.reading = False
+
+    def _fill(self, found: dict[str, Any]) -> None:
+        state = self._state
+        for key in ("cells", "sigma", "description", "stages", "has_shell", "dts"):
+            state[key] = found[key]
+        for key in ("duration", "save_every", "dt"):
+            state[key] = f"{found[key]:g}"
+        state.preset, state.shell = OWN, found["has_shell"]
+        state.loaded = found["name"]
+        names = [cell["name"] for cell in found["cells"]]
+        state.pair_from, state.pair_to = names[0], names[-1]
+        state.run_name = self._store.name(self._store.free(f"runs/{_plain(found['name'])}"))
+
+    def set_pair(self) -> None:
+        """Put the value of the pair below the matrix into it."""
+        state = self._state
+        names = [cell["name"] for cell in state.cells]
+        if state.pair_from not in names or state.pair_to not in names:
+            state.form_error = "choose two cells of the list for a pair"
+            return
+        j, i = names.index(state.pair_from), names.index(state.pair_to)
+        sigma = [list(row) for row in state.sigma]
+        sigma[j][i] = state.pair_value
+        if state.pair_both:
+            sigma[i][j] = state.pair_value
+        state.sigma, state.form_error = sigma, ""
+
+    def settings(self) -> Settings:
+        """What the form says now."""
+        state = self._state
+        return Settings(
+            source=self._source,
+            names=[cell["name"] for cell in state.cells],
+            sigma=state.sigma,
+            duration=state.duration,
+            save_every=state.save_every,
+            dt=state.dt,
+            preset=state.preset,
+            shell=state.shell or not state.has_shell,
+            name=(state.run_name or "").strip(),
+        )
+
+    async def run(self) -> None:
+        """Simulate what the form says."""
+        await self._do(
+            self._state.run_name, worker.simulate, settings=self.settings(), store=self._store
+        )
+
+    async def resume(self, name: str) -> None:
+        """Go on with a saved run."""
+        await self._do(name, worker.resume, name=name, store=self._store)
+
+    def pause(self) -> None:
+        """Hold the run until it is told to go on."""
+        self._ask(worker.PAUSE)
+
+    def go_on(self) -> None:
+        """Go on after a pause."""
+        self._ask(worker.GO_ON)
+
+    def stop(self) -> None:
+        """End the run; it is saved."""
+        self._state.status = "stopping"
+        self._ask(STOP)
+
+    def _ask(self, command: str) -> None:
+        if self._desk is not None:
+            self._desk.ask(command)
+
+    async def _do(self, name: str, job: Job, /, **arguments: Any) -> None:
+        """Do a job of the worker, and show how it ends."""
+        if self._desk is None or self._state.status != "idle":
+            return
+        self._begin(name)
+        error, note = "", f"{name} is saved"
+        try:
+            await self._desk.do(job, self._heard, **arguments)
+        except JobError as failure:
+            error, note = str(failure), ""
+        except Stopped:
+            note = f"{name} is stopped and saved; Resume goes on with it"
+        with self._state as state:
+            state.status, state.run_error, state.run_note = "idle", error, note
+            state.progress = state.progress if error or "stopped" in note else 100
+        await self._ended(name)
+
+    def _begin(self, name: str) -> None:
+        self._began = time.perf_counter()
+        self._streams.drop(self._state.live_stream["key"])
+        with self._state as state:
+            state.status, state.run_title, state.progress = "starting", name, 0
+            state.progress_text = "starting"
+            state.run_error, state.run_note, state.warnings = "", "", []
+            state.live_stream = {"key": "", "count": 0}
+
+    def _heard(self, kind: str, content: Any) -> None:
+        """Show what the worker tells."""
+        with self._state as state:
+            getattr(self, f"_hear_{kind.replace(' ', '_')}")(state, content)
+
+    def _hear_warning(self, state: Any, text: str) -> None:
+        state.warnings = [*state.warnings, text]
+
+    def _hear_began(self, state: Any, found: dict[str, Any]) -> None:
+        self._until, self._from = found["until"], found["time"]
+        state.status = "running"
+        state.progress_text = "first step; it compiles the kernels where that has not been done"
+
+    def _hear_load(self, state: Any, content: bytes) -> None:
+        self._runs += 1
+        key = f"live-{self._runs}"
+        self._streams.open(key, content)
+        state.live_stream = {"key": key, "count": 1}
+        state.first_picture = round(time.perf_counter() - self._began, 2)
+
+    def _hear_frame(self, state: Any, content: bytes) -> None:
+        key = state.live_stream["key"]
+        state.live_stream = {"key": key, "count": self._streams.add(key, content)}
+
+    def _hear_progress(self, state: Any, found: dict[str, Any]) -> None:
+        state.progress = round(100 * found["time"] / self._until, 1) if self._until else 100
+        state.progress_text = progress_text(found, self._until)
+
+    def _hear_paused(self, state: Any, content: None) -> None:
+        state.status = "paused"
+
+    def _hear_went_on(self, state: Any, content: None) -> None:
+        state.status = "running"
+
+
+def progress_text(found: dict[str, Any], until: float) -> str:
+    """Time, stage, speed and what is left, in one line."""
+    parts = [f"t = {found['time']:g}" + ("" if found["stage"] else f" of {until:g}")]
+    if found["stage"]:
+        parts.append(f"stage {found['stage']}")
+    parts.append(f"{found['cells']} cells" if found["cells"] > 1 else "1 cell")
+    if found["steps_per_second"]:
+        parts.append(f"{found['steps_per_second']:.3g} steps per second")
+    if found["seconds_left"]:
+        parts.append(f"about {duration_text(found['seconds_left'])} left")
+    return " · ".join(parts)
+
+
+def duration_text(seconds: float) -> str:
+    """A duration in words, to two digits or so."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def _plain(name: str) -> str:
+    """Name of a scene as that of a folder."""
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip(".") or "run"

@@ -1,0 +1,47 @@
+"""Small parts that both halves of the page are made of."""
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from trame.widgets import html
+from trame.widgets import vuetify3 as v3
+
+Background = Callable[[Callable[[], Awaitable[None]]], Callable[..., None]]
+"""Makes of a coroutine function a handler that starts it and returns at once."""
+
+
+def field(label: str, name: str, **options: Any) -> None:
+    """Text field of a value of the state."""
+    v3.VTextField(
+        v_model=(name,), label=label, density="compact", variant="outlined", hide_details=True,
+        **options,
+    )  # fmt: skip
+
+
+def choice(label: str, name: str, items: str, **options: Any) -> None:
+    """Choice of a value of the state out of `items`, with search."""
+    v3.VAutocomplete(
+        v_model=(name,), items=(items,), label=label, density="compact", variant="outlined",
+        hide_details=True, **options,
+    )  # fmt: skip
+
+
+def plain_input(**options: Any) -> None:
+    """<input> with attributes that trame does not know by itself."""
+    known = [("aria_label", "aria-label"), ("data_uploads", "data-uploads")]
+    html.Input(__properties=known, **options)
+
+
+def alert(name: str, kind: str) -> None:
+    """Text of the state, shown where it is not empty."""
+    v3.VAlert(
+        f"{{{{ {name} }}}}", v_if=(name,), type=kind, density="compact", classes="my-2", id=name,
+        variant="tonal",
+    )  # fmt: skip
+
+
+def upload(name: str, accept: str) -> None:
+    """Button that sends a file to the folder and chooses it for a value of the state."""
+    with html.Label(classes="upload"):
+        html.Span("Upload")
+        plain_input(type="file", accept=accept, data_uploads=name)

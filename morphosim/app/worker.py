@@ -1,0 +1,234 @@
+"""Running a simulation for the page: a job of a process of its own.
+
+The page hears "began", "load" (what a viewer opens with), "frame" (one time of the view),
+"progress" and "warning"; it may ask for "pause", "go on" and "stop". A run that is stopped is
+saved, and `resume` goes on with it.
+"""
+
+import json
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from morphosim.app.processes import STOP, Channel, Stopped
+from morphosim.app.settings import Settings
+from morphosim.app.store import Store
+from morphosim.fields import CellField
+from morphosim.measure import measure
+from morphosim.runs.reader import open_run
+from morphosim.runs.writer import RunWriter
+from morphosim.simulation import Simulation
+
+PAUSE, GO_ON = "pause", "go on"
+TRIANGLES = 800
+"""Triangles of a cell in the live view."""
+PICTURE_SHARE = 0.2
+"""Pictures take at most this share of the time."""
+THINNING = 0.01
+"""Between two pictures there is at least this share of the run's time so far, so that a run of
+hours has some hundred of them."""
+
+
+def warm_up(channel: Channel) -> None:
+    """Make a small picture, so that all that pictures take is there when the first is wanted."""
+    from morphosim.pictures.meshes import field_meshes
+    from morphosim.pictures.viewerdata import frame
+
+    points = np.indices((16, 16, 16)) - 7.5
+    ball = CellField("ball", np.zeros(3, np.int64), 1 / (1 + np.exp((points**2).sum(axis=0) - 25)))
+    frame(0.0, field_meshes([ball], 1.0), triangles=100)
+
+
+def simulate(channel: Channel, settings: Settings, store: Store) -> None:
+    """Simulate the scene of the form, and save it below the folder."""
+    directory = store.new_run(settings.name)
+    with _warnings_told(channel):
+        simulation = Simulation(settings.scene(store))
+        _run(channel, simulation, directory)
+
+
+def resume(channel: Channel, name: str, store: Store) -> None:
+    """Go on with a run from its last save."""
+    directory = store.run(name)
+    with _warnings_told(channel):
+        _run(channel, Simulation.from_run(directory), directory, resume=True)
+
+
+def _run(channel: Channel, simulation: Simulation, directory: Path, resume: bool = False) -> None:
+    scene = simulation.scene
+    writer = RunWriter(
+        directory, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
+        resume=resume,
+    )  # fmt: skip
+    simulation.run(observers=[writer, Watcher(channel, directory)])
+
+
+@contextmanager
+def _warnings_told(channel: Channel) -> Iterator[None]:
+    """Warnings go to the page."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_, **__: channel.tell("warning", str(message))
+        yield
+
+
+class Watcher:
+    """Observer that tells the page how a run gets on, and does what the page asks for.
+
+    Parameters
+    ----------
+    channel : Channel
+    directory : path of the run, whose first save exists when this is started
+    interval : float
+        Seconds between two tellings of the progress, and between two pictures at least.
+    """
+
+    def __init__(self, channel: Channel, directory: Path, interval: float = 0.5) -> None:
+        self._channel, self._directory, self._interval = channel, directory, interval
+        self._shown = -1
+
+    def start(self, simulation: Simulation) -> None:
+        """Tell the page what begins, and show it as the save says that has just been made."""
+        facts = {"time": simulation.time, "until": simulation.scene.duration}
+        self._channel.tell("began", facts | {"staged": bool(simulation.scene.stages)})
+        self._channel.tell("load", opening(self._directory, TRIANGLES, [simulation.time]))
+        self._shown = simulation.engine.steps
+        self._clock = Clock(simulation.time)
+        self._begun = self._told = self._pictured = time.perf_counter()
+        self._cost = 0.0
+
+    def after_step(self, simulation: Simulation) -> None:
+        """Obey; tell the progress and show a picture if they are due."""
+        now = self._clock.step(simulation.time)
+        if now - self._told > self._interval:
+            self._told = now
+            self._channel.tell("progress", self._progress(simulation))
+        if self._picture_due(now):
+            self._show(simulation)
+        command = self._channel.asked()
+        if command == PAUSE:
+            command = self._pause(simulation)
+        if command == STOP:
+            raise Stopped
+
+    def finish(self, simulation: Simulation) -> None:
+        """Tell the end and show it, unless nobody is there any more."""
+        try:
+            self._channel.tell("progress", self._progress(simulation))
+            self._show(simulation)
+        except Stopped:
+            return
+
+    def _pause(self, simulation: Simulation) -> str:
+        """Wait until the page says how to go on."""
+        self._show(simulation)
+        self._channel.tell("progress", self._progress(simulation))
+        self._channel.tell("paused")
+        while (command := self._channel.wait()) not in (GO_ON, STOP):
+            pass
+        self._clock = Clock(simulation.time)
+        if command == GO_ON:
+            self._channel.tell("went on")
+        return command
+
+    def _picture_due(self, now: float) -> bool:
+        thinned = THINNING * (now - self._begun)
+        return now - self._pictured > max(self._interval, self._cost / PICTURE_SHARE, thinned)
+
+    def _show(self, simulation: Simulation) -> None:
+        """Send the fields as they are now, unless they have been sent."""
+        if simulation.engine.steps == self._shown:
+            return
+        begin = time.perf_counter()
+        self._channel.tell("frame", live_frame(simulation))
+        self._shown = simulation.engine.steps
+        self._pictured = time.perf_counter()
+        self._cost = self._pictured - begin
+
+    def _progress(self, simulation: Simulation) -> dict[str, Any]:
+        scene = simulation.scene
+        left = (scene.duration - simulation.time) * self._clock.per_time
+        return {
+            "time": simulation.time,
+            "cells": len(simulation.cells),
+            "stage": simulation.stage,
+            "steps_per_second": self._clock.steps_per_second,
+            "seconds_left": None if scene.stages or not self._clock.steps else left,
+        }
+
+
+class Clock:
+    """Wall time of steps; the first, which may hold compilation, does not count."""
+
+    def __init__(self, begin: float) -> None:
+        self._begin, self.steps = begin, 0
+        self._seconds = self._lapse = 0.0
+        self._first: float | None = None
+
+    def step(self, at: float) -> float:
+        """Count a step that has led to *in silico* time `at`; return the wall time (s)."""
+        now = time.perf_counter()
+        if self._first is None:
+            self._first, self._begin = now, at
+        else:
+            self.steps += 1
+            self._seconds, self._lapse = now - self._first, at - self._begin
+        return now
+
+    @property
+    def steps_per_second(self) -> float | None:
+        """Speed so far; None before the second step."""
+        return self.steps / self._seconds if self._seconds else None
+
+    @property
+    def per_time(self) -> float:
+        """Seconds per *in silico* time; 0 before the second step."""
+        return self._seconds / self._lapse if self._lapse > 0 else 0.0
+
+
+def opening(
+    directory: Path, triangles: int | None = None, times: Sequence[float] | None = None
+) -> bytes:
+    """What a viewer opens a run with, as JSON: its saves, by default all."""
+    from morphosim.pictures.viewerdata import run_data
+
+    with open_run(directory) as run:
+        return json.dumps(run_data(run, times=times, triangles=triangles)).encode()
+
+
+def live_frame(simulation: Simulation) -> bytes:
+    """One time of a running simulation for the viewer, as JSON."""
+    from morphosim.pictures.meshes import field_meshes
+    from morphosim.pictures.viewerdata import frame
+
+    types = {cell.name: cell.type for cell in simulation.cells}
+    meshes = field_meshes(simulation.fields, simulation.scene.numerics.spacing, types)
+    data = frame(
+        simulation.time, meshes, _figures(simulation), stage=simulation.stage, triangles=TRIANGLES
+    )
+    return json.dumps(data).encode()
+
+
+def _figures(simulation: Simulation) -> dict[str, dict[str, Any]]:
+    """What the viewer says of each cell."""
+    pool, spacing, names = (
+        simulation.engine.pool,
+        simulation.scene.numerics.spacing,
+        simulation.names,
+    )
+    with simulation.engine.limited_threads():
+        measured = measure(pool.phi, pool.origin, pool.shape, pool.start, spacing)
+    columns = zip(names, measured.volume, simulation.targets, measured.surface_area, strict=True)
+    figures: dict[str, dict[str, Any]] = {
+        name: {"volume": float(v), "target": float(t), "surface": float(s), "neighbours": {}}
+        for name, v, t, s in columns
+    }
+    pairs = zip(measured.contacts.tolist(), measured.contact_area.tolist(), strict=True)
+    for (i, j), area in pairs:
+        figures[names[i]]["neighbours"][names[j]] = area
+    return figures

@@ -1,0 +1,31 @@
+"""Command that serves the application: `app`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from morphosim.cli.app import app
+
+
+@app.command("app")
+def application(
+    folder: Annotated[
+        Path, typer.Option(help="the application reads and writes nothing outside of it")
+    ] = Path(),
+    host: Annotated[
+        str, typer.Option(help="where to listen; anything but this machine takes a token")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 takes a free one")] = 0,
+    open_browser: Annotated[
+        bool, typer.Option("--open/--no-open", help="open it in the browser")
+    ] = True,
+) -> None:
+    """Simulate and look at runs in the browser."""
+    try:
+        from morphosim.app.server import serve
+    except ImportError as error:
+        message = f"the application needs {error.name}; try: pip install 'morphosim[app]'"
+        raise ImportError(message) from error
+
+    serve(folder, host, port, lambda address: typer.echo(f"MorphoSim: {address}"), open_browser)

@@ -1,0 +1,1 @@
+"""One large simulation over the ranks of an MPI job; see docs/mpi.md."""

@@ -1,0 +1,157 @@
+"""What `mpirun -n 4 morphosim run SCENE -o DIR --mpi` does: a run over ranks, saved by rank 0."""
+
+import signal
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from morphosim.errors import SaveError, SimulationError
+from morphosim.mpi.simulation import RootObserver, on_root
+from morphosim.mpi.world import StoppedError, agreed, world
+from morphosim.progress import ProgressBar
+from morphosim.runs.writer import RunWriter
+from morphosim.simulation import Observer, Simulation
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+DONE, FAILED, INTERRUPTED = 0, 1, 130
+Summary = Callable[[Simulation, ProgressBar, Path], str]
+Say = Callable[..., None]
+
+
+def go(
+    make: Callable[[], Simulation],
+    output: Path,
+    say: Say,
+    *,
+    before: Callable[[], None] = lambda: None,
+    summary: Summary | None = None,
+    resume: bool = False,
+) -> int:
+    """Run a simulation to its end on all ranks; rank 0 saves it, draws progress and tells the end.
+
+    Ctrl-C, or the signal by which a batch system ends a job, stops the run after the present step,
+    saved. An error of one rank alone ends the whole job.
+
+    Parameters
+    ----------
+    make : function
+        Makes the simulation, a `DistributedSimulation`; all ranks call it.
+    output : path
+        Directory of the run, which every rank may see and rank 0 writes.
+    say : function of a text, and of err=True for what went wrong, as `typer.echo`
+        Tells the user; called on rank 0 only.
+    before : function, optional
+        Called on rank 0 once all ranks have their simulation.
+    summary : function of the simulation, its progress bar and `output`, optional
+        Makes what is told at the end.
+    resume : bool
+        See `RunWriter`.
+
+    Returns
+    -------
+    int
+        On rank 0: 0; 1 where the simulation has ended by an error; 130 where it was interrupted.
+        On others 0: mpirun kills ranks that are still busy when one of them ends otherwise.
+
+    Raises
+    ------
+    ValueError, OSError
+        The scene or the directory does not allow a run. Raised on rank 0; other ranks exit.
+    """
+    comm = world()
+    if comm.rank:
+        warnings.simplefilter("ignore")  # rank 0 gives the same
+    with _signals(comm.rank) as interrupted:
+        try:
+            simulation = agreed(comm, make)
+            bar = ProgressBar(simulation.scene.duration)
+            observers = RootObserver(
+                lambda: _observers(simulation, output, resume, bar, before),
+                lambda: bool(interrupted),
+            )
+        except Exception as error:
+            _leave(comm, error)
+            raise
+        with _ends_all(comm):
+            status = _advance(simulation, observers, output, say)
+            if summary is not None and (status != FAILED or simulation.error):
+                text = summary
+                on_root(simulation, lambda: say(text(simulation, bar, output)))
+    return status if comm.rank == 0 else DONE
+
+
+def _observers(
+    simulation: Simulation, output: Path, resume: bool, bar: ProgressBar, before: Callable[[], None]
+) -> list[Observer]:
+    """What watches the run on rank 0."""
+    scene = simulation.scene
+    writer = RunWriter(
+        output, scene.save_every, fields=scene.save_fields, labels=scene.save_labels, resume=resume
+    )
+    before()
+    return [writer, bar]
+
+
+def _advance(simulation: Simulation, observers: RootObserver, output: Path, say: Say) -> int:
+    """Run; tell what has ended the run before its end."""
+    text, status = "", FAILED
+    try:
+        simulation.run(observers=[observers])
+        return DONE
+    except KeyboardInterrupt:
+        text = f"interrupted at t = {simulation.time:g}; saved. "
+        text += f"Go on with: morphosim run --resume {output}"
+        status = INTERRUPTED
+    except SaveError as error:
+        text = f"error: {error}"
+    except SimulationError as error:
+        text = f"error: {error}. The last state is saved"
+    except StoppedError as error:  # rank 0 tells
+        text = str(error)
+    if world().rank == 0:
+        say(text, err=True)
+    return status
+
+
+@contextmanager
+def _signals(rank: int) -> Iterator[list[int]]:
+    """Signals that rank 0 has got to stop; the other ranks do not heed them, and wait for it."""
+    got: list[int] = []
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = [
+        signal.signal(kind, (lambda number, _: got.append(number)) if rank == 0 else signal.SIG_IGN)
+        for kind in kinds
+    ]
+    try:
+        yield got
+    finally:
+        for kind, handler in zip(kinds, before, strict=True):
+            signal.signal(kind, handler)
+
+
+def _leave(comm: "Comm", error: Exception) -> None:
+    """After an error at the start: rank 0 tells it, or an error that only others have."""
+    if comm.rank:
+        sys.exit(DONE)
+    if isinstance(error, StoppedError):
+        message = str(error)
+        raise ValueError(message) from error
+
+
+@contextmanager
+def _ends_all(comm: "Comm") -> Iterator[None]:
+    """End the whole job after an error that the other ranks do not know of: they would wait."""
+    try:
+        yield
+    except BaseException:
+        with suppress(Exception):
+            traceback.print_exc()
+            sys.stderr.flush()
+        comm.Abort(FAILED)
+        raise

@@ -1,0 +1,170 @@
+"""The application without a browser: who may ask, what it may touch, what the form says."""
+
+from pathlib import Path
+from queue import Queue
+
+import numpy as np
+import pytest
+
+from morphosim import built_in_scene
+from morphosim.app import worker
+from morphosim.app.access import Access, is_loopback
+from morphosim.app.processes import Child
+from morphosim.app.settings import Settings, Source, facts
+from morphosim.app.store import Store
+
+LOCAL = {"Host": "127.0.0.1:8080"}
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        ("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False),
+        ("192.168.1.4", False), ("evil.example", False),
+    ],
+)  # fmt: skip
+def test_what_is_this_machine(host: str, expected: bool) -> None:
+    assert is_loopback(host) is expected
+    assert (Access.of_host(host).token == "") is expected
+
+
+@pytest.mark.parametrize(
+    ("headers", "reason"),
+    [
+        (LOCAL, ""),
+        (LOCAL | {"Origin": "http://127.0.0.1:8080"}, ""),
+        (LOCAL | {"Origin": "http://evil.example"}, "another site"),
+        ({"Host": "evil.example:8080"}, "is not this machine"),
+        ({}, "is not this machine"),
+    ],
+)
+def test_other_sites_are_refused(headers: dict[str, str], reason: str) -> None:
+    refusal = Access().refusal(headers, {}, None)
+    assert reason in refusal
+    assert (refusal == "") is (reason == "")
+
+
+def test_a_token_is_asked_for_beyond_this_machine() -> None:
+    access = Access.of_host("0.0.0.0")
+    outside = {"Host": "10.0.0.7:8080"}
+    assert len(access.token) > 20
+    assert "token" in access.refusal(outside, {}, None)
+    assert "token" in access.refusal(outside, {"token": "wrong"}, "wrong too")
+    assert access.refusal(outside, {"token": access.token}, None) == ""
+    assert access.refusal(outside, {}, access.token) == ""
+    assert Access.of_host("0.0.0.0").token != access.token
+
+
+@pytest.mark.parametrize("name", ["../out", "/etc/passwd", "a/../../out", ".", "", "link/file"])
+def test_nothing_outside_of_the_folder(tmp_path: Path, name: str) -> None:
+    root = tmp_path / "root"
+    root.mkdir()
+    (tmp_path / "secret").mkdir()
+    (root / "link").symlink_to(tmp_path / "secret")
+    store = Store(root)
+    with pytest.raises(ValueError, match=r"leads out of the folder|is not allowed"):
+        store.path(name)
+
+
+def test_a_run_with_a_link_outside_is_refused(tmp_path: Path) -> None:
+    root, secret = tmp_path / "root", tmp_path / "secret.nc"
+    (root / "run").mkdir(parents=True)
+    secret.write_text("x")
+    (root / "run" / "save-000000.nc").symlink_to(secret)
+    with pytest.raises(ValueError, match="leads out"):
+        Store(root).run("run")
+
+
+def test_names_of_runs_and_files(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with pytest.raises(FileNotFoundError, match="there is no run 'x'"):
+        store.run("x")
+    (tmp_path / "runs" / "a").mkdir(parents=True)
+    (tmp_path / "runs" / "a" / "save-000000.nc").touch()
+    (tmp_path / "masks.mat").touch()
+    assert store.runs() == ["runs/a"]
+    assert store.files((".mat",)) == ["masks.mat"]
+    with pytest.raises(FileExistsError, match="not empty"):
+        store.new_run("runs/a")
+    assert store.name(store.free("runs/a")) == "runs/a-2"
+    with store.receiving("../../up.mat") as (name, file):
+        file.write(b"abc")
+    assert (tmp_path / name).read_bytes() == b"abc"
+    assert name == "imports/up.mat"
+    with pytest.raises(ValueError, match="ending that is not known"), store.receiving("x.exe"):
+        pass
+
+
+def form(**changes: object) -> Settings:
+    """The form as it is filled for the embryo of eight cells."""
+    found = facts(built_in_scene("celegans-8"))
+    values = {
+        "source": Source(), "names": [cell["name"] for cell in found["cells"]],
+        "sigma": found["sigma"], "duration": "100", "save_every": "50", "dt": "2",
+    }  # fmt: skip
+    return Settings(**(values | changes))
+
+
+def test_the_form_says_a_scene(tmp_path: Path) -> None:
+    before = built_in_scene("celegans-8")
+    scene = form(name="runs/x", preset="fast", dt="1.5").scene(Store(tmp_path))
+    assert (scene.duration, scene.save_every, scene.name) == (100, 50, "runs/x")
+    assert (scene.numerics.solver, scene.numerics.dt) == ("band", 1.5)
+    np.testing.assert_array_equal(
+        scene.physics.attraction.matrix(scene.names), before.physics.attraction.matrix(before.names)
+    )
+    assert scene.confinement is not None
+    assert form(shell=False).scene(Store(tmp_path)).confinement is None
+
+
+def test_names_and_attraction_can_be_changed(tmp_path: Path) -> None:
+    names = [cell.name for cell in built_in_scene("celegans-8").cells]
+    sigma = [[str(v) for v in row] for row in facts(built_in_scene("celegans-8"))["sigma"]]
+    sigma[0][4] = "0.123"  # ABal pulls on MS
+    scene = form(names=["first", *names[1:]], sigma=sigma).scene(Store(tmp_path))
+    matrix = scene.physics.attraction.matrix(scene.names)
+    assert scene.names[0] == "first"
+    assert matrix[0, 4] == 0.123
+    assert matrix[4, 0] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"dt": "much"}, "time step δt = 'much' is not a number"),
+        ({"dt": "-1"}, "time step δt = -1"),
+        ({"duration": "0"}, "time = 0"),
+        ({"preset": "best"}, "preset = 'best'"),
+        ({"names": ["a"] * 8}, "cell name"),
+        ({"names": ["a"]}, "1 names for 8 cells"),
+        ({"source": Source(kind="matlab")}, "no file of masks"),
+        ({"source": Source(scene="nothing")}, "nothing"),
+    ],
+)
+def test_errors_are_worded_as_the_engine_does(
+    tmp_path: Path, changes: dict[str, object], error: str
+) -> None:
+    with pytest.raises(ValueError, match=error):
+        form(**changes).scene(Store(tmp_path))
+
+
+def test_wrong_attraction_is_named(tmp_path: Path) -> None:
+    sigma = facts(built_in_scene("celegans-8"))["sigma"]
+    sigma[1][2] = "-3"
+    with pytest.raises(ValueError, match="attraction from 'ABar' to 'ABpl' = -3"):
+        form(sigma=sigma).scene(Store(tmp_path))
+
+
+def test_jobs_of_a_process_of_their_own(tmp_path: Path) -> None:
+    heard: Queue[tuple[str, object]] = Queue()
+    child = Child(lambda *said: heard.put(said))
+    try:
+        child.do(worker.resume, name="x", store=Store(tmp_path))
+        kind, text = heard.get(timeout=60)
+        assert kind == "failed"
+        assert str(text).startswith("there is no run 'x'")
+        child.do(worker.warm_up)
+        assert heard.get(timeout=60) == ("done", None)
+    finally:
+        child.close()
+    assert not child.alive

@@ -1,0 +1,187 @@
+"""What the tests of `morphosim.mpi` run: `mpirun -n N python drive.py FOLDER`.
+
+Without mpirun, and with `--alone`, the same by `Simulation`. Results are files in FOLDER.
+"""
+
+import json
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from morphosim import Attraction, Cell, Numerics, Physics, RunWriter, Scene, Simulation, Sphere
+from morphosim.bench import packed_points
+from morphosim.confinement import EllipsoidShell
+from morphosim.errors import SimulationError
+from morphosim.events import CellChange, Differentiation, Division, Removal
+from morphosim.mpi.simulation import DistributedSimulation, RootObserver
+from morphosim.mpi.world import StoppedError
+from morphosim.stages import Duration, QuasiSteady, Stage
+
+COMM = MPI.COMM_WORLD
+ALONE = "--alone" in sys.argv
+KIND = Simulation if ALONE else DistributedSimulation
+RADIUS = 4.0
+
+
+def cells(count: int, **values: Any) -> list[Cell]:
+    """Packed balls, every third of them of type B, and some of another surface tension."""
+    return [
+        Cell(
+            name=f"c{k}", shape=Sphere(center=point, radius=RADIUS), type="AAB"[k % 3],
+            gamma=0.3 if k == 5 else None, **values,
+        )
+        for k, point in enumerate(packed_points(count, RADIUS))
+    ]  # fmt: skip
+
+
+def numerics(**values: Any) -> Numerics:
+    return Numerics(**({"dt": 1.0, "precision": "double", "threads": 1} | values))
+
+
+def moving() -> Scene:
+    """Cells that move by noise, and whose attraction depends on their types and on one pair."""
+    sigma = Attraction(types={("A", "A"): 0.5, ("B", "B"): 0.2}, pairs={("c0", "c1"): 0.9})
+    return Scene(
+        cells=cells(12), physics=Physics(sigma=sigma, kappa=0.5), numerics=numerics(seed=3)
+    )
+
+
+def staged() -> Scene:
+    """A division, a removal, cells that differentiate, and a stage that ends in the past."""
+    middle = packed_points(12, RADIUS).mean(axis=0)
+    shell = EllipsoidShell(center=middle, semi_axes=(16, 16, 16))
+    sigma = Attraction(types={("A", "A"): 0.5, ("A", "B"): 0.3}, sisters=0.8)
+    divide = Division(cell="c2", daughters=("c2a", "c2p"), axis=(1, 0, 0), fraction=0.4)
+    first = Stage(name="first", end=Duration(6), events=[divide])
+    second = Stage(
+        name="second", end=QuasiSteady(), limit=60, physics={"sigma": Attraction(default=0.6)},
+        events=[
+            Removal(cells=["c3"], above={"z": 20.0}),
+            Differentiation(of="A", touching="B", into="C"),
+            CellChange(cells=["c0"], values={"frozen": True}),
+        ],
+    )  # fmt: skip
+    return Scene(
+        cells=cells(12), physics=Physics(sigma=sigma), confinement=shell,
+        numerics=numerics(dt=2.0, solver="band", precision="single"),
+        stages=[first, second], duration=80, save_every=20, save_fields="exact",
+    )  # fmt: skip
+
+
+def vanishing(**values: Any) -> Scene:
+    """A cell too small to last."""
+    small = Cell(name="small", shape=Sphere(center=(30, 0, 0), radius=1.2), volume=0.1)
+    return Scene(
+        cells=[*cells(5), small], physics=Physics(M=0.0), numerics=numerics(), duration=60, **values
+    )
+
+
+def write(folder: Path, name: str, simulation: Simulation) -> None:
+    """All that tells how a simulation has ended: arrays, and what is said of the cells."""
+    engine = simulation.engine
+    arrays = engine.contents() | {
+        "centroids": simulation.centroids, "volumes": simulation.volumes,
+        "face_peak": engine.face_peak, "lost_volume": engine.lost_volume,
+    }  # fmt: skip
+    facts = [
+        simulation.names, list(engine.types), simulation.events, simulation.removed,
+        simulation.time, simulation.error,
+    ]  # fmt: skip
+    if COMM.rank == 0:
+        np.savez(folder / f"{name}.npz", **arrays)
+        (folder / f"{name}.json").write_text(json.dumps(facts))
+
+
+def advanced(scene: Scene, advance: Callable[[Simulation], Any], rebalance: int = 256) -> (
+    Simulation
+):  # fmt: skip
+    simulation = KIND(scene)
+    if isinstance(simulation, DistributedSimulation):
+        simulation.shares.rebalance = rebalance
+    with suppress(SimulationError):
+        advance(simulation)
+    return simulation
+
+
+def saved(folder: Path) -> None:
+    """A run that is broken off and gone on with."""
+    scene = staged()
+    simulation = KIND(scene)
+    simulation.run(until=30, observers=[_output(folder, scene)])
+    COMM.barrier()
+    simulation = KIND.from_run(folder)
+    simulation.run(observers=[_output(folder, scene, resume=True)])
+
+
+def _output(folder: Path, scene: Scene, resume: bool = False) -> Any:
+    def make() -> list[RunWriter]:
+        return [RunWriter(folder, scene.save_every, fields=scene.save_fields, resume=resume)]
+
+    return make()[0] if ALONE else RootObserver(make)
+
+
+class Fails:
+    """Observer that fails."""
+
+    def start(self, simulation: Simulation) -> None: ...
+    def finish(self, simulation: Simulation) -> None: ...
+    def after_step(self, simulation: Simulation) -> None:
+        if simulation.engine.steps == 3:
+            message = "no room"
+            raise OSError(message)
+
+
+def stopped() -> list[Any]:
+    """What each rank raises where rank 0 fails, and after how many steps."""
+    simulation = DistributedSimulation(moving())
+    try:
+        simulation.run(until=9, observers=[RootObserver(lambda: [Fails()])])
+    except (OSError, StoppedError) as error:
+        return [type(error).__name__, str(error), simulation.engine.steps]
+    return []
+
+
+def interrupted() -> list[Any]:
+    """Whether each rank is told of an interruption, and after how many steps."""
+    simulation = DistributedSimulation(moving())
+    observer = RootObserver(list, lambda: simulation.engine.steps == 2)
+    try:
+        simulation.run(until=9, observers=[observer])
+    except KeyboardInterrupt:
+        return [simulation.engine.steps]
+    return []
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+
+    def steps(simulation: Simulation) -> None:
+        simulation.step(12)
+        simulation.remove(["c3"])
+        simulation.step(6)
+
+    moved = advanced(moving(), steps, rebalance=4)
+    write(folder, "moving", moved)
+    write(folder, "staged", advanced(staged(), lambda s: s.run()))
+    remove = vanishing(on_vanish="remove")
+    write(folder, "vanishing", advanced(remove, lambda s: s.run(until=40)))
+    write(folder, "stopping", advanced(vanishing(), lambda s: s.run(until=40)))
+    saved(folder / "run")
+    if isinstance(moved, DistributedSimulation):
+        local, traffic = moved.shares.local, moved.shares.traffic
+        told = {
+            "own": int(local.own.sum()), "held": len(local), "sent": traffic.fields,
+            "stopped": stopped(), "interrupted": interrupted(),
+        }  # fmt: skip
+        everyone = COMM.gather(told)
+        if COMM.rank == 0:
+            (folder / "ranks.json").write_text(json.dumps(everyone))
+
+
+if __name__ == "__main__":
+    main()

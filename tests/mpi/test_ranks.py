@@ -1,0 +1,138 @@
+"""Scenes over 1, 2 and 4 ranks against the same on none."""
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from morphosim import open_run
+
+DRIVE = Path(__file__).with_name("drive.py")
+SCENES = ["moving", "staged", "vanishing", "stopping"]
+RANKS = [1, 2, 4]
+pytestmark = [
+    pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
+    pytest.mark.skipif(
+        importlib.util.find_spec("mpi4py") is None, reason="mpi4py is not installed"
+    ),
+]
+
+
+def launch(ranks: int, *command: str | Path) -> "subprocess.CompletedProcess[str]":
+    """Run Python on so many ranks."""
+    start = ["mpirun", "--oversubscribe", "--allow-run-as-root", "-n", str(ranks)]
+    environment = os.environ | {"OMPI_MCA_mpi_yield_when_idle": "1"}
+    return subprocess.run(
+        [*start, sys.executable, *map(str, command)], capture_output=True, text=True, timeout=600,
+        env=environment, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of `Simulation`."""
+    folder = tmp_path_factory.mktemp("alone")
+    subprocess.run([sys.executable, DRIVE, folder, "--alone"], check=True, timeout=600)
+    return folder
+
+
+@pytest.fixture(scope="module", params=RANKS)
+def over(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results over some ranks."""
+    folder = tmp_path_factory.mktemp(f"ranks{request.param}")
+    done = launch(request.param, DRIVE, folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def ranks(folder: Path) -> list[dict[str, Any]]:
+    return list(json.loads((folder / "ranks.json").read_text()))
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_same_state_as_on_one_rank(scene: str, alone: Path, over: Path) -> None:
+    with np.load(alone / f"{scene}.npz") as expected, np.load(over / f"{scene}.npz") as found:
+        assert set(found.files) == set(expected.files)
+        for name in expected.files:
+            np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(found["phi"], expected["phi"])
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_same_cells_events_and_error_as_on_one_rank(scene: str, alone: Path, over: Path) -> None:
+    name = f"{scene}.json"
+    assert json.loads((over / name).read_text()) == json.loads((alone / name).read_text())
+
+
+def test_same_saved_run_also_after_going_on(alone: Path, over: Path) -> None:
+    with open_run(alone / "run") as expected, open_run(over / "run") as found:
+        assert found.sizes == expected.sizes
+        assert found.identical(expected)
+
+
+def test_every_rank_owns_cells_and_holds_copies(over: Path) -> None:
+    found = ranks(over)
+    assert sum(rank["own"] for rank in found) == 11
+    assert min(rank["own"] for rank in found) >= 1
+    if len(found) == 1:
+        assert found[0]["held"] == 11
+        assert found[0]["sent"] == 0
+    else:
+        assert all(rank["held"] > rank["own"] and rank["sent"] > 0 for rank in found)
+
+
+def test_all_ranks_stop_where_an_observer_fails(over: Path) -> None:
+    first, *others = [rank["stopped"] for rank in ranks(over)]
+    assert first == ["OSError", "no room", 3]
+    assert all(other == ["StoppedError", "no room", 3] for other in others)
+
+
+def test_all_ranks_stop_after_the_same_step_when_interrupted(over: Path) -> None:
+    assert all(rank["interrupted"] == [2] for rank in ranks(over))
+
+
+COMMAND = """
+import sys
+from pathlib import Path
+from morphosim import Cell, Scene, Sphere
+from morphosim.mpi.run import go
+from morphosim.mpi.simulation import DistributedSimulation
+count, output = int(sys.argv[1]), Path(sys.argv[2])
+cells = [Cell(name=f"c{k}", shape=Sphere(center=(8 * k, 0, 0), radius=4)) for k in range(count)]
+try:
+    scene = Scene(cells=cells, duration=6, save_every=4).with_numerics(
+        precision="double", dt=2.0
+    )
+    status = go(
+        lambda: DistributedSimulation(scene), output, lambda text, err=False: print(text),
+        summary=lambda simulation, bar, path: f"{len(simulation.volumes)} cells at {path.name}",
+    )
+except (ValueError, OSError) as error:
+    print("error:", error)
+    status = 2
+sys.exit(status)
+"""
+
+
+def test_run_saves_and_tells_once(tmp_path: Path) -> None:
+    done = launch(2, "-c", COMMAND, "3", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n") == ["3 cells at run", ""]
+    with open_run(tmp_path / "run") as run:
+        assert run["time"].values.tolist() == [0, 4, 6]
+    again = launch(2, "-c", COMMAND, "3", tmp_path / "run")
+    assert again.returncode == 2
+    assert again.stdout.count("already holds a run") == 1
+
+
+def test_more_ranks_than_cells_are_refused(tmp_path: Path) -> None:
+    done = launch(2, "-c", COMMAND, "1", tmp_path / "run")
+    assert done.returncode == 2
+    assert "1 cells on 2 ranks: every rank needs a cell" in done.stdout
