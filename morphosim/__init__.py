@@ -55,6 +55,7 @@ _EXPORTS = {
     "import_labels": "segmentation.scene",
     "Simulation": "simulation",
     "StabilityWarning": "stability",
+    "sweep": "sweeps.run",
 }
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from morphosim.shapes import Ellipsoid, Field, Mask, Sphere
     from morphosim.simulation import Simulation
     from morphosim.stability import StabilityWarning
+    from morphosim.sweeps.run import sweep
 
 __version__ = version("morphosim")
 __all__ = [
@@ -92,7 +94,7 @@ __all__ = [
     "Simulation", "Sphere", "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene",
     "contact_areas", "export", "import_labels", "import_matlab", "load_fields", "load_scene",
     "measure_fields", "open_run", "pack", "packed_cells", "read_labels", "relaxed", "save_scene",
-    "scene_names", "touching",
+    "scene_names", "sweep", "touching",
 ]  # fmt: skip
 
 

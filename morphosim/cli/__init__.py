@@ -6,7 +6,7 @@ import warnings
 
 import typer
 
-from morphosim.cli import compute, data, imports, pictures, serve  # noqa: F401  (each adds its commands)
+from morphosim.cli import compute, data, imports, pictures, serve, sweep  # noqa: F401  (each adds its commands)
 from morphosim.cli.app import INPUT_ERROR, app
 
 

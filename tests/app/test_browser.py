@@ -122,6 +122,7 @@ def test_import_run_look_and_export(tmp_path: Path) -> None:
         page.get_by_label("Time", exact=True).fill("40")
         page.get_by_label("Saving interval").fill("10")
         page.get_by_role("button", name="Run", exact=True).click()
+        wait(page, "!state.run_error")  # that of before; it goes when the run begins
         wait(page, "state.status === 'idle' && (state.run_note || state.run_error)")
         name = state(page, "run_title")
         assert state(page, "run_note") == f"{name} is saved"

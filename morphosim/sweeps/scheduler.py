@@ -1,0 +1,129 @@
+"""Members handed to Dask: processes of this machine, or any cluster."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from morphosim import _validate
+from morphosim.numerics import Numerics
+from morphosim.sweeps.axes import Member
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+WAIT = 600.0
+"""Seconds that a cluster has for its first worker."""
+DEATHS_ALLOWED = 1
+"""How many processes a member may take with it, for want of memory perhaps, before it is lost."""
+
+
+def need_dask() -> Any:
+    """Import Dask's scheduler, or raise ImportError with what to install."""
+    try:
+        import distributed
+    except ImportError as error:
+        message = "a scan needs the package distributed; try: pip install 'morphosim[sweep]'"
+        raise ImportError(message) from error
+    return distributed
+
+
+def shares(members: int, workers: int | None, threads: int | None) -> tuple[int, int]:
+    """Number of processes, and of threads per member, that keep all cores busy.
+
+    Raises
+    ------
+    ValueError
+        They would be more than there are cores.
+    """
+    cores = Numerics().worker_count
+    if workers is not None:
+        _validate.integer("workers", workers, least=1)
+    if threads is None:
+        threads = max(cores // min(cores, workers or max(members, 1)), 1)
+    _validate.integer("threads_per_member", threads, least=1)
+    wanted = max(cores // threads, 1) if workers is None else workers
+    if wanted * threads > cores:
+        message = (
+            f"{wanted} workers of {threads} threads each are more than the {cores} cores of this "
+            f"machine; take at most {max(cores // threads, 1)} workers, or fewer threads_per_member"
+        )
+        raise ValueError(message)
+    return min(wanted, max(members, 1)), threads
+
+
+@contextmanager
+def local_client(workers: int) -> "Iterator[Client]":
+    """Client of as many processes of this machine."""
+    distributed = need_dask()
+    import dask
+
+    try:
+        with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS_ALLOWED}):
+            cluster = distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0,
+                dashboard_address=":0", silence_logs=50, preload=["morphosim.sweeps.worker"],
+            )  # fmt: skip
+    except RuntimeError as error:
+        message = (
+            "the scan's processes could not be started. In a script, call sweep below "
+            "if __name__ == '__main__': every process imports the script"
+        )
+        raise OSError(message) from error
+    with cluster, distributed.Client(cluster) as client:
+        yield client
+
+
+@contextmanager
+def cluster_client(address: str) -> "Iterator[Client]":
+    """Client of a running cluster.
+
+    Raises
+    ------
+    OSError
+        There is no scheduler at the address, or no worker comes.
+    ValueError
+        A worker takes several members at a time.
+    """
+    distributed = need_dask()
+    try:
+        client = distributed.Client(address, timeout=10)
+    except (OSError, TimeoutError) as error:
+        message = f"there is no Dask scheduler at {address} ({error})"
+        raise OSError(message) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=WAIT)
+        except TimeoutError as error:
+            message = f"the cluster at {address} has had no worker for {WAIT:g} s"
+            raise OSError(message) from error
+        _check_workers(client)
+        yield client
+
+
+def _check_workers(client: "Client") -> None:
+    """Raise ValueError if a worker would take members that have to wait for each other."""
+    for worker, threads in client.nthreads().items():
+        if threads != 1:
+            message = (
+                f"worker {worker} takes {threads} tasks at a time; a member has the threads of its "
+                "process to itself. Start workers by --nthreads 1, with --nworkers for their "
+                "number; threads_per_member sets the threads of a member"
+            )
+            raise ValueError(message)
+
+
+def results(
+    client: "Client", task: Callable[[Member], str], members: Sequence[Member]
+) -> Iterator[tuple[Member, str]]:
+    """Each member with "" or its error, as they end."""
+    distributed = need_dask()
+    futures = {client.submit(task, member, pure=False): member for member in members}
+    for future in distributed.as_completed(list(futures)):
+        error = future.exception()
+        yield futures[future], future.result() if error is None else _lost(error)
+        future.release()
+
+
+def _lost(error: BaseException) -> str:
+    """Text of an error of Dask's own: a worker that died, a result that never came."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
