@@ -160,3 +160,13 @@ def test_changes_are_checked() -> None:
     with pytest.raises(ValueError, match="'gama' is not known"):
         simulation.change_physics(gama=0.3)
     assert simulation.physics == Physics()
+
+
+def test_stated_pairs_that_no_longer_hold() -> None:
+    """The pool of pairs' potentials is there still, and no longer used."""
+    pairs = Attraction(default=0.2, pairs={("a", "b"): 0.9})
+    simulation = start(ball("a"), ball("b", 10.0), sigma=pairs)
+    simulation.step(3)
+    simulation.change_physics(sigma=0.2)
+    simulation.step(3)
+    assert np.isfinite(simulation.volumes).all()
