@@ -4,6 +4,7 @@ import csv
 import importlib
 import io
 import os
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,26 @@ def need(package: str, path: Path) -> Any:
 def listed(names: Sequence[str]) -> str:
     """Names as a text for an error."""
     return ", ".join(repr(name) for name in names) if names else "(none)"
+
+
+def toml_table(path: Path, what: str) -> dict[str, Any]:
+    """Content of a TOML file.
+
+    Raises
+    ------
+    FileNotFoundError
+        It does not exist; the text calls it `what`.
+    ValueError
+        It is not TOML.
+    """
+    if not path.is_file():
+        message = f"{what} {path} does not exist"
+        raise FileNotFoundError(message)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        message = f"{path} is not a TOML file: {error}"
+        raise ValueError(message) from error
 
 
 PARTIAL = ".partial"

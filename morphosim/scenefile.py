@@ -4,7 +4,6 @@ Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.
 """
 
 import importlib
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from morphosim import _validate
-from morphosim._files import replacing
+from morphosim._files import replacing, toml_table
 from morphosim.attraction import Attraction
 from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
 from morphosim.numerics import Numerics
@@ -54,14 +53,7 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
         The file is not TOML, has a key that is not known, or a value that is not allowed.
     """
     path = Path(path)
-    if not path.exists():
-        message = f"scene file {path} does not exist"
-        raise FileNotFoundError(message)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        message = f"{path} is not a TOML file: {error}"
-        raise ValueError(message) from error
+    table = toml_table(path, "scene file")
     given = overrides or {}
     for key in sorted(given, key=_depth):
         _override(table, key, given[key])

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 WAIT = 600.0
 """Seconds that a cluster has for its first worker."""
+ANY_PORT = "127.0.0.1:0"
+"""Where Dask tells its state: None would be a fixed port, which two scans cannot share."""
 DEATHS_ALLOWED = 1
 """How many processes a member may take with it, for want of memory perhaps, before it is lost."""
 
@@ -61,7 +63,7 @@ def local_client(workers: int) -> "Iterator[Client]":
         with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS_ALLOWED}):
             cluster = distributed.LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0,
-                dashboard_address=":0", silence_logs=50, preload=["morphosim.sweeps.worker"],
+                dashboard_address=ANY_PORT, silence_logs=50, preload=["morphosim.sweeps.worker"],
             )  # fmt: skip
     except RuntimeError as error:
         message = (

@@ -1,12 +1,12 @@
 """Sweep files: TOML that says what `sweep` is told."""
 
 import sys
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from morphosim import _validate
+from morphosim._files import toml_table
 from morphosim.library import scene_names
 from morphosim.sweeps.axes import Axis, Range
 
@@ -30,14 +30,7 @@ def read_sweep(path: str | Path) -> dict[str, Any]:
         It is not TOML, lacks a scene or axes, or has a key that is not known.
     """
     path = Path(path)
-    if not path.is_file():
-        message = f"sweep file {path} does not exist"
-        raise FileNotFoundError(message)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        message = f"{path} is not a TOML file: {error}"
-        raise ValueError(message) from error
+    table = toml_table(path, "sweep file")
     _validate.keys(f"the sweep file {path}", table, _KEYS)
     for key in ("scene", "axes"):
         if key not in table:
