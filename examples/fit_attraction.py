@@ -32,7 +32,7 @@ def areas(scene: Scene, sigma: float) -> xr.DataArray:
             return differences(run).sel(pair=FOUR)
 
 
-def misfit(scene: Scene, target: xr.DataArray) -> tuple[Callable[[float], float], dict]:
+def misfit(scene: Scene, target: xr.DataArray | float) -> tuple[Callable[[float], float], dict]:
     """Mean difference of the areas to the target as a function of σ, and all its values so far."""
     known: dict[float, float] = {}
 
@@ -44,7 +44,7 @@ def misfit(scene: Scene, target: xr.DataArray) -> tuple[Callable[[float], float]
     return at, known
 
 
-def fitted(scene: Scene, target: xr.DataArray) -> tuple[float, int]:
+def fitted(scene: Scene, target: xr.DataArray | float) -> tuple[float, int]:
     """σ of the least misfit, and the number of runs that found it."""
     at, known = misfit(scene, target)
     minimize_scalar(at, bounds=(0, HIGHEST), method="bounded", options={"xatol": PRECISION})
@@ -54,7 +54,7 @@ def fitted(scene: Scene, target: xr.DataArray) -> tuple[float, int]:
 def main(run: str, sigma: str = "") -> None:
     """Fit, and tell the number of runs beside the scan's."""
     scene = four_cells(run)
-    target = areas(scene, float(sigma)) if sigma else xr.zeros_like(areas(scene, 0.0))
+    target = areas(scene, float(sigma)) if sigma else 0.0  # no difference to the experiment
     print(f"areas of {f'a simulation with sigma = {sigma}' if sigma else 'the experiment'}")
     best, runs = fitted(scene, target)
     print(f"sigma_S = {best:.2f} in {runs} runs; the scan takes {len(SCAN)}, to 0.1")
