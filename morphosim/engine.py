@@ -288,12 +288,13 @@ class Engine:
             physics.attraction, physics.g, self.names, self.types, self.dtype, self.parents,
             self.society.types,
         )  # fmt: skip
-        self._kappa = np.array([physics.motility(kind) for kind in self.types])
+        kappa = np.array([physics.motility(kind) for kind in self.types])
+        self._drift_scale = (-np.sqrt(self.numerics.dt) * kappa)[:, None]
         self._terms = CellTerms(
             gamma=self.gamma.astype(self.dtype),
             well=(4 * self.gamma * physics.c).astype(self.dtype),
             pressure=np.zeros(n, self.dtype),
-            drift=np.zeros((n, 3), self.dtype) if self._kappa.any() else None,
+            drift=np.zeros((n, 3), self.dtype) if kappa.any() else None,
             sweeps=np.zeros((n, 0), self.dtype),
         )
         self._normals = np.zeros((n, 3))
@@ -372,8 +373,9 @@ class Engine:
             normal_vectors(
                 np.uint64(self.numerics.seed), np.uint64(self.steps), self.ids, self._normals
             )
-            self._normals *= (-np.sqrt(self.numerics.dt) * self._kappa)[:, None]
-            self._terms.drift[:] = self._normals
+            np.multiply(
+                self._normals, self._drift_scale, out=self._terms.drift, casting="same_kind"
+            )
 
     def _advance(self) -> None:
         """Force, implicit solve and survey of all cells that are stepped."""

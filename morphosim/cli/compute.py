@@ -129,7 +129,7 @@ def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
 def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
     """Go on with a run; a later end is written to its scene file."""
     from morphosim.runs.files import RunDirectory
-    from morphosim.runs.resume import saved_state
+    from morphosim.runs.resume import saved_scene, saved_state
     from morphosim.scenefile import save_scene
 
     def make() -> "Simulation":
@@ -140,7 +140,7 @@ def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
         return _kind(mpi)(scene, snapshot)
 
     def lengthen() -> None:
-        scene, _ = saved_state(directory)
+        scene = saved_scene(directory)
         end = overrides.get("duration", scene.duration)
         if end > scene.duration:
             files = RunDirectory(directory)
