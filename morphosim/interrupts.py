@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for the end of a step."""
+"""Ctrl-C, and a batch system's SIGTERM, that wait for the end of a step."""
 
 import signal
 import threading
@@ -7,12 +7,15 @@ from contextlib import contextmanager
 from types import FrameType
 
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
 @contextmanager
 def deferred_interrupts() -> Iterator[Callable[[], None]]:
     """Keep Ctrl-C until the function that this gives is called; a second one acts at once.
 
-    Only in the main thread, and only where Ctrl-C raises KeyboardInterrupt; elsewhere nothing
-    changes.
+    Holds for each of `SIGNALS` that raises KeyboardInterrupt, in the main thread alone; elsewhere
+    nothing changes. A run in a script's background ignores SIGINT, and still hears SIGTERM.
     """
     asked = False
 
@@ -26,12 +29,13 @@ def deferred_interrupts() -> Iterator[Callable[[], None]]:
         if asked:
             raise KeyboardInterrupt
 
+    handler = signal.default_int_handler
     main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield check
-        return
-    signal.signal(signal.SIGINT, remember)
+    held = [s for s in SIGNALS if main and signal.getsignal(s) is handler]
+    for number in held:
+        signal.signal(number, remember)
     try:
         yield check
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in held:
+            signal.signal(number, handler)

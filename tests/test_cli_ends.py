@@ -1,8 +1,10 @@
 """Command line, further cases: interruption, damaged files, texts as values, the entry point."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -59,6 +61,24 @@ def test_an_interruption_saves_and_says_so(call, monkeypatch: pytest.MonkeyPatch
     assert "ends at t = 8: morphosim run --resume run" in call("info", "run")[1]
     with open_run("run") as data:
         assert data["time"].values.tolist() == [0, 4, 6]
+
+
+def test_a_run_in_the_background_saves_at_sigterm(folder: Path) -> None:
+    command = str(Path(sys.executable).with_name("morphosim"))
+    words = [command, "run", "one.toml", "-o", "run", "--until", "1e7"]
+    ignore = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does for `command &`
+    try:
+        run = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, ignore)
+    end = time.monotonic() + 120
+    while not (folder / "run" / "save-000001.nc").exists() and time.monotonic() < end:
+        time.sleep(0.05)
+    run.terminate()
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "interrupted at t = " in err
+    assert "saved in run" in out
 
 
 @pytest.mark.parametrize(

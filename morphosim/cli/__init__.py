@@ -13,7 +13,7 @@ from morphosim.cli.app import INPUT_ERROR, app
 def main() -> None:
     """Entry point; warnings and errors of input are one line, without a traceback."""
     # A batch system that ends a job stops it as Ctrl-C does: the state is saved.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         app()

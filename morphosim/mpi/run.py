@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphosim.errors import SaveError, SimulationError
+from morphosim.interrupts import SIGNALS
 from morphosim.mpi.simulation import RootObserver, on_root
 from morphosim.mpi.world import StoppedError, agreed, world
 from morphosim.progress import ProgressBar
@@ -123,15 +124,14 @@ def _advance(simulation: Simulation, observers: RootObserver, output: Path, say:
 def _signals(rank: int) -> Iterator[list[int]]:
     """Signals that rank 0 has got to stop; the other ranks do not heed them, and wait for it."""
     got: list[int] = []
-    kinds = (signal.SIGINT, signal.SIGTERM)
     before = [
         signal.signal(kind, (lambda number, _: got.append(number)) if rank == 0 else signal.SIG_IGN)
-        for kind in kinds
+        for kind in SIGNALS
     ]
     try:
         yield got
     finally:
-        for kind, handler in zip(kinds, before, strict=True):
+        for kind, handler in zip(SIGNALS, before, strict=True):
             signal.signal(kind, handler)
 
 
