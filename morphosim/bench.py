@@ -15,7 +15,7 @@ from morphosim.library import built_in_scene
 from morphosim.machine import machine
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
-from morphosim.progress import Tell
+from morphosim.progress import TellWhat
 from morphosim.scene import Cell, Scene
 from morphosim.shapes import Sphere
 from morphosim.simulation import Simulation
@@ -84,7 +84,9 @@ class Variant:
         }
 
 
-def measure(seconds: float = 60.0, threads: int = 0, tell: Tell | None = None) -> dict[str, Any]:
+def measure(
+    seconds: float = 60.0, threads: int = 0, tell: TellWhat | None = None
+) -> dict[str, Any]:
     """Time packed cells and the embryo, on one thread and on all, in turn in this process.
 
     Parameters

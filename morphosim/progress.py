@@ -11,12 +11,14 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 if TYPE_CHECKING:
     from morphosim.simulation import Simulation
 
-Tell = Callable[[str, int, int], None]
+Tell = Callable[[int, int], None]
+"""Told how much of something is done, and of how much."""
+TellWhat = Callable[[str, int, int], None]
 """Told what is done, how much of it is done, and of how much."""
 
 
 @contextmanager
-def progress_line() -> Iterator[Tell]:
+def progress_line() -> Iterator[TellWhat]:
     """Bar that appears when it is first told something, and is removed at the end."""
     bar = Progress(
         TextColumn("{task.description}"), BarColumn(),

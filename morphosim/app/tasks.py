@@ -1,10 +1,11 @@
 """Work on saved runs for the page: jobs of a process of their own."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from morphosim.app.processes import Channel
 from morphosim.app.worker import opening
+from morphosim.progress import Tell
 from morphosim.runs.reader import open_run
 
 
@@ -41,5 +42,5 @@ def table(channel: Channel, run: Path, target: Path, to: str) -> int:
         return len(export(data, target, to, tell=_teller(channel)))
 
 
-def _teller(channel: Channel) -> Callable[[int, int], None]:
+def _teller(channel: Channel) -> Tell:
     return lambda done, of: channel.tell("progress", (done, of))

@@ -1,6 +1,6 @@
 """Files of runs for other programs: ParaView, CAD and printing, image analysis, spreadsheets."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphosim import _validate
+from morphosim.progress import Tell
 
 if TYPE_CHECKING:
     import xarray as xr
-
-Tell = Callable[[int, int], None]
-"""Told after each save how many are done, and of how many."""
 
 
 @dataclass(frozen=True, slots=True)

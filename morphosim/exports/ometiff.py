@@ -9,9 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.exports import Tell
 from morphosim.labels import MOST_POINTS
 from morphosim.lazyfields import block
+from morphosim.progress import Tell
 from morphosim.runs.fields import spacing
 
 CLASSIC_TIFF_BYTES = (1 << 32) - (1 << 25)

@@ -16,10 +16,10 @@ import numpy as np
 import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.exports import Tell
 from morphosim.fields import CellField
 from morphosim.labels import MOST_POINTS
 from morphosim.lazyfields import block
+from morphosim.progress import Tell
 from morphosim.runs.fields import load_fields, spacing, variable
 from morphosim.surfaces import cell_surface
 

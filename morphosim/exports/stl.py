@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from morphosim.exports import Tell
+from morphosim.progress import Tell
 from morphosim.runs.fields import load_fields, spacing
 from morphosim.surfaces import Surface, cell_surface
 

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.exports import Tell
 from morphosim.lazyfields import contacts
+from morphosim.progress import Tell
 from morphosim.runs.fields import variable
 
 TABLES = ("cells", "contacts", "times")

@@ -22,6 +22,7 @@ from morphosim.pictures.sight import (
     sight,
     surroundings,
 )
+from morphosim.progress import Tell
 from morphosim.runs.fields import time_index
 
 if TYPE_CHECKING:
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
     from morphosim.pictures.painter import Painter
 
-Tell = Callable[[int, int], None]
-"""Told after each frame how many are done, and of how many."""
 Pixels = NDArray[np.uint8]
 FORMATS = (".mp4", ".gif")
 DPI = 100

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 from morphosim import _validate
 from morphosim._files import replacing
 from morphosim.pictures.palettes import DIVERGING, hexed, many_colours
-from morphosim.pictures.viewerdata import Tell, run_data
+from morphosim.pictures.viewerdata import run_data
+from morphosim.progress import Tell
 
 if TYPE_CHECKING:
     import xarray as xr

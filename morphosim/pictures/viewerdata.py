@@ -1,6 +1,6 @@
 """What the viewer's page shows, as plain data: a run, or one time of a running simulation."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,13 +12,12 @@ from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
 from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
 from morphosim.pictures.needs import need
 from morphosim.pictures.palettes import hexed
+from morphosim.progress import Tell
 from morphosim.runs.fields import time_index, variable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Tell = Callable[[int, int], None]
-"""Told how many saves are done, and of how many."""
 ALL_TRIANGLES = 3_000_000
 """A page holds about so many triangles by default: some 17 MB."""
 FEWEST, MOST = 200, 1500
@@ -49,7 +48,7 @@ def run_data(
         Most triangles of a cell. By default 200 to 1500, so that a page of up to 15000 cells,
         summed over all times, has less than 20 MB.
     tell : callable, optional
-        Told how many saves are done.
+        Told how many saves are done, and of how many.
 
     Returns
     -------

@@ -1,12 +1,12 @@
 """A run in one file."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from morphosim._files import replacing
+from morphosim.progress import Tell
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
 from morphosim.runs.savefile import create, pack_phi, write_texts
@@ -15,8 +15,6 @@ from morphosim.runs.variables import ALL
 if TYPE_CHECKING:
     import xarray as xr
 
-Tell = Callable[[int, int], None]
-"""Told how many values are done, and of how many."""
 BLOCK = 1 << 23
 """Values of a lazy variable that are in memory at once."""
 
@@ -29,7 +27,7 @@ def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> N
     directory : path of a run
     file : path to write; must not exist
     tell : function, optional
-        Told of the progress.
+        Told how many values are done, and of how many.
 
     Raises
     ------

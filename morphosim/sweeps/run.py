@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from morphosim import _validate
 from morphosim.library import find_scene
 from morphosim.machine import processor, versions
-from morphosim.progress import Tell, progress_line
+from morphosim.progress import TellWhat, progress_line
 from morphosim.scene import Scene
 from morphosim.scenefile import save_scene
 from morphosim.sweeps.axes import SEED, Plan, make_plan
@@ -241,7 +241,12 @@ def _resources(
 
 
 def _run(
-    task: Task, todo: Sequence[Any], finished: int, tell: Tell, workers: int, address: str | None
+    task: Task,
+    todo: Sequence[Any],
+    finished: int,
+    tell: TellWhat,
+    workers: int,
+    address: str | None,
 ) -> dict[int, str]:
     """Run members; why some have no result, by number."""
     lost: dict[int, str] = {}
