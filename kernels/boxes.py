@@ -3,7 +3,7 @@
 import numpy as np
 
 from morphosim.kernels._jit import inline_kernel, kernel
-from morphosim.kernels.frames import clear_row
+from morphosim.kernels.frames import clear_row, copy_row
 
 TOTAL, BAND, CORE, BAD, FACE, EDGE, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6
 """What a survey finds: Σ φ, points with |φ| > tolerance, points with φ > 1/2, points beyond the
@@ -29,6 +29,15 @@ def row_sums(values, first, nz, tolerance2, limit2, half):
         core += one if value > half else zero
         bad += zero if square <= limit2 else one
     return total, band, core, bad
+
+
+@inline_kernel()
+def row_total(values, first, count):
+    """Σ φ of a row, in double precision."""
+    total = 0.0
+    for z in range(np.uint64(count)):
+        total += values[first + z]
+    return total
 
 
 @inline_kernel()
@@ -111,8 +120,7 @@ def clear_outside(values, first, rows, nx, ny, nz):
         for y in range(ny):
             if not rows[x, 0] <= y < rows[x, 1]:
                 row = np.uint64(first + (x * ny + y) * nz)
-                for z in range(np.uint64(nz)):
-                    lost += values[row + z]
+                lost += row_total(values, row, nz)
                 clear_row(values, row, nz)
     return lost
 
@@ -162,16 +170,18 @@ def move_box(source, source_start, old_shape, target, target_start, new_shape, s
     """
     nx, ny, nz = new_shape[0], new_shape[1], new_shape[2]
     target[target_start : target_start + nx * ny * nz] = 0
+    z0, z1 = max(0, shift[2]), min(old_shape[2], shift[2] + nz)
+    kept = max(z1 - z0, 0)
     lost = 0.0
     for x in range(old_shape[0]):
         for y in range(old_shape[1]):
-            row = source_start + (x * old_shape[1] + y) * old_shape[2]
+            row = np.uint64(source_start + (x * old_shape[1] + y) * old_shape[2])
             u, v = x - shift[0], y - shift[1]
-            inside = 0 <= u < nx and 0 <= v < ny
-            goal = target_start + (u * ny + v) * nz - shift[2]
-            for z in range(old_shape[2]):
-                if inside and 0 <= z - shift[2] < nz:
-                    target[goal + z] = source[row + z]
-                else:
-                    lost += source[row + z]
+            if 0 <= u < nx and 0 <= v < ny and kept > 0:
+                goal = np.uint64(target_start + (u * ny + v) * nz + z0 - shift[2])
+                copy_row(source, row + np.uint64(z0), target, goal, kept)
+                lost += row_total(source, row, z0)
+                lost += row_total(source, row + np.uint64(z1), old_shape[2] - z1)
+            else:
+                lost += row_total(source, row, old_shape[2])
     return lost

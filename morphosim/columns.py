@@ -18,6 +18,8 @@ _ABSENT = 1e-6
 """A tile with g_e φ_e² below this everywhere has no confinement."""
 MOST_AT_ONCE = 512
 """Tiles on which the confinement is evaluated together."""
+_LAST = np.iinfo(np.int64).max
+"""A key beyond those of all tiles."""
 Integers = NDArray[np.int64]
 
 
@@ -38,8 +40,8 @@ class Background:
 
     def __init__(self, repulsion: Repulsion, spacing: float, dtype: DTypeLike) -> None:
         self._repulsion, self._spacing = repulsion, spacing
-        self._keys = np.zeros(0, np.int64)
-        self._slots = np.zeros(0, np.int64)
+        self._keys = np.array([_LAST])  # sorted
+        self._slots = np.array([-1])
         self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
 
     def acts(self, begin: Integers, end: Integers) -> NDArray[np.bool_]:
@@ -55,12 +57,14 @@ class Background:
 
     def _slots_of(self, keys: Integers) -> Integers:
         """Places of tiles in `_tiles`; -1 for those where the confinement does not act."""
-        known = np.isin(keys, self._keys)
-        if not known.all():
-            new = np.unique(keys[~known])
+        place = np.searchsorted(self._keys, keys)
+        unknown = self._keys[place] != keys
+        if unknown.any():
+            new = np.unique(keys[unknown])
             for part in np.array_split(new, -(-len(new) // MOST_AT_ONCE)):
                 self._evaluate(part)
-        return np.asarray(self._slots[np.searchsorted(self._keys, keys)])
+            place = np.searchsorted(self._keys, keys)
+        return np.asarray(self._slots[place])
 
     def _evaluate(self, keys: Integers) -> None:
         corners = unpack(keys) << SHIFTS

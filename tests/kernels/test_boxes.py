@@ -183,7 +183,7 @@ def test_extents_of_an_empty_field_are_empty(way: str) -> None:
 
 
 @both_ways
-@pytest.mark.parametrize("shift", [(0, 0, 0), (2, -1, 3), (-3, -2, -1), (50, 0, 0)])
+@pytest.mark.parametrize("shift", [(0, 0, 0), (2, -1, 3), (-3, -2, -1), (50, 0, 0), (0, 0, 50)])
 def test_move_box_keeps_the_lattice_and_tells_what_is_lost(shift: tuple, way: str) -> None:
     old = np.random.default_rng(4).random((4, 5, 6))
     source = np.concatenate([[np.nan] * 3, old.ravel(), [np.nan] * 3])
