@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from morphosim.app import charts, tasks
 from morphosim.app.processes import Desk, Job, JobError, Stopped
@@ -241,7 +242,7 @@ class Lower:
 
     def _entry(self, what: str, target: Path) -> dict[str, Any]:
         name = self._store.name(target)
-        return {"what": what, "name": name, "link": f"files/{name}" if target.is_file() else ""}
+        return {"what": what, "name": name, "link": f"files/{quote(name)}"}
 
     def _told(self, what: str) -> Callable[[str, Any], None]:
         def told(kind: str, content: Any) -> None:

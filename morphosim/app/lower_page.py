@@ -73,8 +73,7 @@ def _export(lower: Lower, background: Background) -> None:
         v3.VBtn("Break off", size="small", variant="text", click=lower.break_off)
     with html.P(v_for="file in made", key="file.name", classes="note"):
         html.Span("{{ file.what }}: ")
-        html.A("{{ file.name }}", v_if=("file.link",), href=("file.link",))
-        html.Span("{{ file.name }}", v_else=True)
+        html.A("{{ file.name }}", href=("file.link",))
 
 
 def _make(text: str, click: object) -> None:

@@ -1,6 +1,12 @@
 """What the server answers besides the page: the viewer, its data, and files of the folder."""
 
+import asyncio
+import tempfile
+import zipfile
 from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import BinaryIO
+from urllib.parse import quote
 
 from aiohttp import web
 from aiohttp.typedefs import Middleware
@@ -86,16 +92,42 @@ def _stream_handler(streams: Streams) -> Handler:
 
 
 def _file_handler(store: Store) -> Handler:
+    """Send a file as it is, and a folder as one zip file."""
+
     async def handle(request: web.Request) -> web.StreamResponse:
         try:
             path = store.path(request.match_info["name"])
         except ValueError as error:
             return web.Response(status=403, text=str(error))
+        if path.is_dir():
+            return await _send_folder(request, path)
         if not path.is_file():
             raise web.HTTPNotFound
         return web.FileResponse(path, headers={"Content-Disposition": "attachment"})
 
     return handle
+
+
+async def _send_folder(request: web.Request, folder: Path) -> web.StreamResponse:
+    with tempfile.TemporaryFile() as file:
+        await asyncio.to_thread(_zip, folder, file)
+        name = f"attachment; filename*=UTF-8''{quote(folder.name)}.zip"
+        response = web.StreamResponse(headers={"Content-Disposition": name})
+        response.content_type, response.content_length = "application/zip", file.tell()
+        await response.prepare(request)
+        file.seek(0)
+        while chunk := file.read(1 << 20):
+            await response.write(chunk)
+        await response.write_eof()
+    return response
+
+
+def _zip(folder: Path, file: BinaryIO) -> None:
+    """Pack the files of a folder, without links, which may lead out of it."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file() and not path.is_symlink():
+                archive.write(path, path.relative_to(folder.parent))
 
 
 def _upload_handler(store: Store) -> Handler:

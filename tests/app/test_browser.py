@@ -5,6 +5,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -152,6 +153,11 @@ def test_import_run_look_and_export(tmp_path: Path) -> None:
         page.get_by_role("button", name="Write", exact=True).click()
         wait(page, "state.made.length === 2 && !state.making")
         assert not state(page, "look_error")
+        with page.expect_download() as download:
+            page.get_by_role("link", name=f"{name}-csv").click()
+        assert download.value.suggested_filename == f"{Path(name).name}-csv.zip"
+        with zipfile.ZipFile(download.value.path()) as archive:
+            assert f"{Path(name).name}-csv/cells.csv" in archive.namelist()
         assert not faults
     picture, table = (tmp_path / entry for entry in (f"{name}-t30.png", f"{name}-csv/cells.csv"))
     assert picture.read_bytes().startswith(b"\x89PNG")
