@@ -32,6 +32,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 WIDTH, HEIGHT = 900, 600
+PHONE = {"viewport": {"width": 390, "height": 800}, "has_touch": True, "is_mobile": True}
 FIRST = {"low": Ball((9.0, 12.0, 15.0), 6.0, "R"), "high": Ball((22.0, 12.0, 15.0), 6.0, "G", 3.0)}
 LATER = {**FIRST, "new": Ball((15.0, 24.0, 15.0), 4.0, "R", -3.0)}
 TOUCHING = {("low", "high"): 12.0}
@@ -56,9 +57,13 @@ def file(data: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture
-def tab(browser: "Browser", file: Path) -> "Iterator[Tab]":
-    """Page of the run; the test fails if it says an error or asks the network for anything."""
-    opened = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+def tab(browser: "Browser", file: Path, request: pytest.FixtureRequest) -> "Iterator[Tab]":
+    """Page of the run; the test fails if it says an error or asks the network for anything.
+
+    A parameter has further options of the browser's page.
+    """
+    size = {"width": WIDTH, "height": HEIGHT}
+    opened = browser.new_page(**({"viewport": size} | getattr(request, "param", {})))
     said: list[str] = []
     opened.on("console", lambda message: said.append(message.text))
     opened.on("pageerror", lambda error: said.append(str(error)))
@@ -185,6 +190,16 @@ def test_click_picks_a_cell_and_tells_its_figures(tab: "Tab") -> None:
     tab.keyboard.press("Escape")
     assert tab.locator("#card").is_hidden()
     assert told(tab, "picked")[-1]["cell"] is None
+
+
+@pytest.mark.parametrize("tab", [PHONE], indirect=True)
+def test_a_tap_picks_a_cell_on_a_phone(tab: "Tab") -> None:
+    assert tab.locator("#cells").is_hidden()
+    tab.touchscreen.tap(*middle(tab, "high"))
+    assert told(tab, "picked") == [{"morphosim": "picked", "cell": "high"}]
+    tab.click("#panel-button")
+    assert tab.inner_text("#card h2") == "high"
+    assert tab.evaluate("document.documentElement.scrollWidth") == PHONE["viewport"]["width"]
 
 
 def test_a_drag_turns_and_does_not_pick(tab: "Tab") -> None:
