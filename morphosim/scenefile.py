@@ -5,7 +5,7 @@ Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.
 
 import importlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,21 @@ import numpy as np
 
 from morphosim import _validate
 from morphosim._files import replacing, toml_table
-from morphosim.attraction import Attraction
 from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
-from morphosim.numerics import Numerics
-from morphosim.physics import Physics
-from morphosim.scene import Cell, Scene, VolumeCourse, power_cells
+from morphosim.plaintables import (
+    build,
+    cell_of,
+    cell_values,
+    names_of,
+    numerics_of,
+    numerics_table,
+    physics_of,
+    physics_said,
+    physics_table,
+    physics_values,
+    plain,
+)
+from morphosim.scene import Cell, Scene, power_cells
 from morphosim.shapes import Ellipsoid, Field, Mask, PowerCell, Sphere
 from morphosim.stagefile import stage_of, stage_table
 
@@ -85,7 +95,7 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     rows = table.get("cells", [])
     _validate.instance("cells", rows, list)
     for k, row in enumerate(rows):
-        _validate.keys(f"cells[{k}]", row, _names(Cell))
+        _validate.keys(f"cells[{k}]", row, names_of(Cell))
         if "name" not in row:
             message = f"cells[{k}] has no 'name'; every cell needs one"
             raise ValueError(message)
@@ -94,85 +104,14 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     return Scene(
         cells=[cell_of(row, shape) for row, shape in zip(rows, shapes, strict=True)],
         physics=physics_of(table.get("physics", {}), [row.get("name") for row in rows]),
-        numerics=_numerics(table.get("numerics", {})),
+        numerics=numerics_of(table.get("numerics", {})),
         confinement=confinement,
         stages=[
-            stage_of(row, f"stages[{k}]", _physics_values)
+            stage_of(row, f"stages[{k}]", physics_values)
             for k, row in enumerate(table.get("stages", []))
         ],
         **{key: table[key] for key in _SCALARS if key in table},
     )
-
-
-def _names(cls: type) -> list[str]:
-    return [f.name for f in fields(cls)]
-
-
-def _build(cls: type, table: Mapping[str, Any], where: str) -> Any:
-    """Instance of a dataclass from a table; unknown and missing keys are errors."""
-    _validate.keys(where, table, _names(cls))
-    try:
-        return cls(**table)
-    except TypeError as error:
-        message = f"{where}: {error}"
-        raise ValueError(message) from error
-
-
-def _numerics(table: Mapping[str, Any]) -> Numerics:
-    """Numerics from a table; `preset` names what the other values differ from."""
-    _validate.keys("numerics", table, ["preset", *_names(Numerics)])
-    values = dict(table)
-    chosen = Numerics.preset(values.pop("preset", "standard"))
-    numerics: Numerics = _build(Numerics, asdict(chosen) | values, "numerics")
-    return numerics
-
-
-def _physics_values(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords of `Physics` from those values that a table has."""
-    _validate.keys("physics of a stage", table, _names(Physics))
-    values = dict(table)
-    if "sigma" in values:
-        values["sigma"] = physics_of({"sigma": values["sigma"]}, []).attraction
-    return values
-
-
-def _physics_said(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Table of those values of `Physics`."""
-    table = physics_table(Physics(**values))
-    return {key: table[key] for key in values if key in table}
-
-
-def physics_of(table: Mapping[str, Any], names: list[Any]) -> Physics:
-    """Physics from what a scene file says; `names` are those of the cells."""
-    _validate.keys("physics", table, _names(Physics))
-    values = dict(table)
-    sigma = values.get("sigma")
-    if isinstance(sigma, Mapping):
-        values["sigma"] = _attraction(sigma, names)
-    physics: Physics = _build(Physics, values, "physics")
-    return physics
-
-
-def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
-    """Attraction from a table.
-
-    It has a full `matrix` in the order of the cells, row j the pull of cell j; or a `default`,
-    that of `sisters`, and lists of [from, to, value] in `types` and `pairs`.
-    """
-    _validate.keys("physics.sigma", table, ("default", "sisters", "types", "pairs", "matrix"))
-    if "matrix" in table:
-        _validate.keys("physics.sigma with a matrix", table, ("matrix",))
-        return Attraction.from_matrix(names, table["matrix"])
-    values: dict[str, Any] = {k: table[k] for k in ("default", "sisters") if k in table}
-    for key in ("types", "pairs"):
-        values[key] = {}
-        _validate.instance(f"physics.sigma.{key}", table.get(key, []), list)
-        for row in table.get(key, []):
-            if not isinstance(row, list) or len(row) != 3:
-                message = f"physics.sigma.{key}: {row!r}; expected [from, to, value]"
-                raise ValueError(message)
-            values[key][row[0], row[1]] = row[2]
-    return Attraction(**values)
 
 
 def _typed(
@@ -191,7 +130,7 @@ def _typed(
     }
     if isinstance(values.get("function"), str):
         values["function"] = _function(values["function"], where)
-    return _build(kinds[table["kind"]], values, where)
+    return build(kinds[table["kind"]], values, where)
 
 
 def _array(value: Any, folder: Path, where: str) -> Any:
@@ -273,15 +212,6 @@ def _kind(row: Mapping[str, Any]) -> Any:
     return shape.get("kind") if isinstance(shape, Mapping) else None
 
 
-def cell_of(row: Mapping[str, Any], shape: Any) -> Cell:
-    """Cell from what a scene file says of it, and its shape."""
-    values = dict(row) | {"shape": shape}
-    if isinstance(row.get("volume"), Mapping):
-        values["volume"] = _build(VolumeCourse, row["volume"], f"cell {row.get('name')!r}: volume")
-    cell: Cell = _build(Cell, values, f"cell {row.get('name')!r}")
-    return cell
-
-
 def save_scene(scene: Scene, path: str | Path) -> None:
     """Write a scene file, and beside it an .npz file with its arrays if it has any.
 
@@ -309,12 +239,12 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         _cell_table(cell, arrays, archive, f"cell_{k}") for k, cell in enumerate(scene.cells)
     ]
     if scene.stages:
-        table["stages"] = [stage_table(stage, _physics_said) for stage in scene.stages]
+        table["stages"] = [stage_table(stage, physics_said) for stage in scene.stages]
     if arrays:
         with replacing(path.with_name(archive)) as partial, partial.open("wb") as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     with replacing(path) as partial:
-        partial.write_text(tomli_w.dumps(_plain(table)), encoding="utf-8")
+        partial.write_text(tomli_w.dumps(plain(table)), encoding="utf-8")
 
 
 def _check_partitions(scene: Scene) -> None:
@@ -326,51 +256,6 @@ def _check_partitions(scene: Scene) -> None:
             "partition; a scene file can only say all of them"
         )
         raise ValueError(message)
-
-
-def _plain(value: Any) -> Any:
-    """Value as TOML can hold it."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(v) for v in value]
-    return value
-
-
-def _plain_table(item: Any) -> dict[str, Any]:
-    values = {f.name: getattr(item, f.name) for f in fields(item)}
-    return {name: _plain(value) for name, value in values.items() if value is not None}
-
-
-def numerics_table(numerics: Numerics) -> dict[str, Any]:
-    """Numerics as a scene file says them."""
-    return _plain_table(numerics)
-
-
-def settings(scene: Scene) -> dict[str, Any]:
-    """What must stay the same for a run to go on as if it had never stopped."""
-    numerics = numerics_table(scene.numerics)
-    del numerics["threads"]
-    return {"physics": physics_table(scene.physics), "numerics": numerics}
-
-
-def physics_table(physics: Physics) -> dict[str, Any]:
-    """Physics as a scene file says them."""
-    sigma = physics.attraction
-    table = _plain_table(physics)
-    if not physics.kappa_by_type:
-        del table["kappa_by_type"]
-    table["sigma"] = {"default": sigma.default}
-    if sigma.sisters is not None:
-        table["sigma"]["sisters"] = sigma.sisters
-    table["sigma"] |= {
-        key: [[j, i, value] for (j, i), value in getattr(sigma, key).items()]
-        for key in ("types", "pairs")
-        if getattr(sigma, key)
-    }
-    return table
 
 
 def _typed_table(
@@ -386,7 +271,7 @@ def _typed_table(
             value = f"{archive}:{key}"
         elif callable(value):
             value = _function_name(value)
-        table[f.name] = _plain(value)
+        table[f.name] = plain(value)
     return table
 
 
@@ -410,26 +295,4 @@ def _cell_table(
         }  # fmt: skip
     else:
         table["shape"] = _typed_table(cell.shape, SHAPES, arrays, archive, key)
-    return table
-
-
-def cell_values(cell: Cell) -> dict[str, Any]:
-    """What a scene file says of a cell besides its shape.
-
-    Raises
-    ------
-    ValueError
-        The volume is a function that a file cannot say.
-    """
-    table: dict[str, Any] = {"name": cell.name}
-    for name in ("type", "gamma", "frozen", "parent"):
-        if value := getattr(cell, name):
-            table[name] = value
-    if isinstance(cell.volume, VolumeCourse):
-        table["volume"] = _plain_table(cell.volume)
-    elif callable(cell.volume):
-        message = f"cell {cell.name!r}: a volume function cannot be written; use VolumeCourse"
-        raise ValueError(message)
-    else:
-        table["volume"] = cell.target_volume(0.0)
     return table

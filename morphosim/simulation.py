@@ -18,9 +18,9 @@ from morphosim.initial import lattice_field
 from morphosim.interrupts import deferred_interrupts
 from morphosim.measure import centroids
 from morphosim.physics import Physics
+from morphosim.plaintables import cell_of, cell_values, physics_of, physics_table, settings
 from morphosim.protocol import Progress
 from morphosim.scene import Cell, Scene, VolumeCourse, tensions
-from morphosim.scenefile import cell_of, cell_values, physics_of, physics_table, settings
 from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
 

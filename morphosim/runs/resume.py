@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from morphosim.fields import CellField
+from morphosim.plaintables import physics_of, settings
 from morphosim.runs.fields import load_fields, time_index
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
 from morphosim.scene import Cell, Scene
-from morphosim.scenefile import load_scene, physics_of, settings
+from morphosim.scenefile import load_scene
 from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from morphosim.aggregates import aggregates
 from morphosim.labels import label_image
 from morphosim.machine import processor, versions
+from morphosim.plaintables import numerics_table, physics_table
 from morphosim.runs.variables import (
     CONTACT_LIST,
     CONTACT_MATRIX,
@@ -26,7 +27,6 @@ from morphosim.runs.variables import (
     PHI_STEP,
     Variable,
 )
-from morphosim.scenefile import numerics_table, physics_table
 
 if TYPE_CHECKING:
     from morphosim.measure import Measurement
