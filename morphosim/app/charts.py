@@ -5,7 +5,6 @@ from base64 import b64encode
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphosim.lazyfields import contacts
 
@@ -16,8 +15,6 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Of Okabe and Ito, for the colour-blind; the darkest first."""
-MOST_NAMED, MOST_NUMBERED = 40, 12
-"""Cells of a contact matrix up to which they are named, and areas are written."""
 
 
 def history(run: "xr.Dataset", cell: str) -> str:
@@ -38,34 +35,18 @@ def history(run: "xr.Dataset", cell: str) -> str:
 
 def contact_matrix(run: "xr.Dataset", save: int) -> str:
     """Contact areas of the cells that are there at a save, as an image address."""
-    names, areas = areas_at(run, save)
-    inches = float(np.clip(1.6 + 0.42 * len(names), 3.2, 7.0))
-    figure, axes = _figure(1, 1, (inches + 0.9, inches))
-    axis = axes[0, 0]
-    shown = np.ma.masked_where(areas <= 0, areas)
-    image = axis.imshow(shown, cmap="viridis_r", vmin=0, vmax=max(float(areas.max()), 1e-9))
-    figure.colorbar(image, ax=axis, label="contact area, µm²", shrink=0.8)
-    if len(names) <= MOST_NAMED:
-        size = 9 if len(names) <= MOST_NUMBERED else 6
-        axis.set_xticks(range(len(names)), names, rotation=90, fontsize=size)
-        axis.set_yticks(range(len(names)), names, fontsize=size)
-    else:
-        axis.set_xlabel(f"{len(names)} cells, in the order of the list")
-    if len(names) <= MOST_NUMBERED:
-        _write_areas(axis, areas)
+    from matplotlib.figure import Figure
+
+    from morphosim.pictures import matrix
+
+    shown = matrix.contact_matrix(run, save)
+    side = float(np.clip(2.2 + 0.42 * len(shown.names), 3.2, 7.0))
+    left, low, right, top = matrix.ROOM
+    figure = Figure((side + left + right, side + low + top))
+    width, height = figure.get_size_inches()
+    axes = figure.add_axes((left / width, low / height, side / width, side / height))
+    matrix.draw_matrix(axes, shown)
     return _address(figure)
-
-
-def areas_at(run: "xr.Dataset", save: int) -> tuple[list[str], NDArray[np.float64]]:
-    """Names of the cells that are there at a save, and their contact areas (N, N) in µm²."""
-    there = np.isfinite(run["volume"][save].values)
-    names = run["cell"].values[there].astype(str).tolist()
-    areas = np.zeros((len(names), len(names)))
-    for a, b, area in contacts(run, save):
-        if a in names and b in names:
-            i, j = names.index(a), names.index(b)
-            areas[i, j] = areas[j, i] = area
-    return names, areas
 
 
 def figures(run: "xr.Dataset", save: int, cell: str) -> list[dict[str, str]]:
@@ -115,13 +96,6 @@ def _line(
     marker = "o" if len(times) < 40 else ""
     axis.plot(times, values, marker=marker, markersize=3, color=colour, label=label or None)
     axis.set_title(title, loc="left", fontsize=10)
-
-
-def _write_areas(axis: "Axes", areas: NDArray[np.float64]) -> None:
-    largest = areas.max()
-    for i, j in np.argwhere(areas > 0).tolist():
-        colour = "white" if areas[i, j] > 0.5 * largest else "black"
-        axis.text(j, i, f"{areas[i, j]:.0f}", ha="center", va="center", color=colour, fontsize=8)
 
 
 def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple["Figure", Any]:

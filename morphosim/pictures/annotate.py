@@ -1,11 +1,11 @@
-"""What is written on pictures, by matplotlib: names, scale bar, axes, legend, contact matrix."""
+"""What is written on pictures, by matplotlib: names, scale bar, axes, legend."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.patches import Patch
@@ -22,16 +22,7 @@ BAR_SHARE = 0.25
 """Most of a picture's width that the scale bar takes."""
 ARROW = 0.2
 """Length of an axis, inches."""
-FEW_NAMES = 30
-"""Up to so many cells the matrix has their names."""
-FEW_NUMBERS = 12
-"""Up to so many cells the matrix has the areas as numbers."""
-MOST_GROUPS = 14
-"""Up to so many groups of many cells have their names at the matrix."""
-AREAS = LinearSegmentedColormap.from_list("areas", ["#ffffff", "#b7d4ea", "#4a98c9", "#0b3c7d"])
 PIXELS: dict[str, Any] = {"interpolation": "nearest", "origin": "upper"}
-ROOM = (0.75, 0.7, 0.65, 0.3)
-"""Inches left, below, right and above of the contact matrix for its texts."""
 POINTS_PER_INCH = 72
 LUMINANCE = np.array([0.299, 0.587, 0.114])
 BRIGHT = 0.5
@@ -131,7 +122,7 @@ def draw_key(figure: Figure, colouring: Colouring, top: float) -> None:
     wide, high = figure.get_size_inches()
     if colouring.legend:
         handles = [
-            Patch(facecolor=colour, edgecolor="black", linewidth=0.5, label=_plain(text))
+            Patch(facecolor=colour, edgecolor="black", linewidth=0.5, label=plain(text))
             for text, colour in colouring.legend
         ]
         figure.legend(
@@ -165,71 +156,9 @@ def _colour_bar(ax: Axes, scale: Scale, title: str) -> None:
     ramp = np.linspace(0, 1, 256)[None]
     ax.imshow(ramp, cmap=shades, aspect="auto", extent=(scale.low, scale.high, 0, 1))
     values, texts = zip(*scale.ticks, strict=True)
-    ax.set_xticks(values, [_plain(text) for text in texts], fontsize=8)
+    ax.set_xticks(values, [plain(text) for text in texts], fontsize=8)
     ax.set_yticks([])
     ax.set_ylabel(title, fontsize=9, rotation=0, ha="right", va="center")
-
-
-def draw_matrix(
-    ax: Axes, names: Sequence[str], areas: NDArray[np.float64], groups: Sequence[str]
-) -> None:
-    """Contact matrix in µm²; of many cells, `groups` that follow each other are marked.
-
-    Parameters
-    ----------
-    ax : Axes, whose right quarter inch the colour bar takes
-    names : of the N cells
-    areas : (N, N) µm²
-    groups : (N,)
-    """
-    peak = float(areas.max(initial=0)) or 1.0
-    image = ax.imshow(areas, cmap=AREAS, norm=Normalize(0, peak), **PIXELS)
-    bar = ax.inset_axes((1.03, 0.0, 0.04, 1.0))
-    ax.figure.colorbar(image, cax=bar)
-    bar.tick_params(labelsize=8)
-    ax.set_title("contact area, µm²", fontsize=9)
-    for spine in ax.spines.values():
-        spine.set_linewidth(0.5)
-    if len(names) <= FEW_NAMES:
-        _name_rows(ax, names)
-    else:
-        _name_groups(ax, groups)
-    if len(names) <= FEW_NUMBERS:
-        _write_areas(ax, areas, peak)
-
-
-def _name_rows(ax: Axes, names: Sequence[str]) -> None:
-    size = float(np.clip(130 / max(len(names), 1), 4.5, 8))
-    texts = [_plain(name) for name in names]
-    ax.set_yticks(range(len(names)), texts, fontsize=size)
-    ax.set_xticks(range(len(names)), texts, fontsize=size, rotation=90)
-    ax.tick_params(length=0)
-
-
-def _name_groups(ax: Axes, groups: Sequence[str]) -> None:
-    """Lines between groups, and the names of those with room; numbers if there are too many."""
-    starts = [k for k, group in enumerate(groups) if k == 0 or groups[k - 1] != group]
-    ax.tick_params(length=0, labelsize=8)
-    if not 1 < len(starts) <= MOST_GROUPS:
-        ax.set_xlabel("number of the cell", fontsize=8)
-        return
-    stops = [*starts[1:], len(groups)]
-    roomy = [(a, b) for a, b in zip(starts, stops, strict=True) if b - a > len(groups) / 30]
-    texts = [_plain(groups[a]) for a, _ in roomy]
-    middles = [(a + b - 1) / 2 for a, b in roomy]
-    ax.set_yticks(middles, texts)
-    ax.set_xticks(middles, texts)
-    for start in starts[1:]:
-        ax.axhline(start - 0.5, color="0.6", lw=0.5)
-        ax.axvline(start - 0.5, color="0.6", lw=0.5)
-
-
-def _write_areas(ax: Axes, areas: NDArray[np.float64], peak: float) -> None:
-    for (row, column), area in np.ndenumerate(areas):
-        if area > 0:
-            colour = "white" if area > 0.55 * peak else "black"
-            text = f"{area:.0f}" if area >= 0.95 else f"{area:.1f}"
-            ax.text(column, row, text, fontsize=6.5, color=colour, ha="center", va="center")
 
 
 def _measure(dpi: float) -> Any:
@@ -244,7 +173,7 @@ def _measure(dpi: float) -> Any:
     return measure
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Text whose dollar signs matplotlib does not take as mathematics."""
     return text.replace("$", r"\$")
 

@@ -17,12 +17,14 @@ from morphosim.pictures.camera import THREE, VIEWS, View, camera, directions
 from morphosim.pictures.layout import Layout, layout
 from morphosim.pictures.needs import need
 from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
+from morphosim.runs.fields import time_index
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from morphosim.pictures.matrix import ContactMatrix
     from morphosim.pictures.painter import Painter, Panel
 
 FORMATS = (".png", ".jpg", ".jpeg", ".pdf", ".svg", ".tif", ".tiff", ".webp")
@@ -94,9 +96,12 @@ def plot(
         _validate.flag(name, flag)
     target = None if path is None else _checked(Path(path))
     need("matplotlib", "a figure")
+    from morphosim.pictures.matrix import contact_matrix
+
     around = surroundings(run, mirror) if shell else Surroundings()
     seen = sight(run, time, by, colours, mirror, around)
-    figure = _composed(seen, chosen, names, mirror, size, _contacts(run, time) if matrix else None)
+    contacts = contact_matrix(run, time_index(run, time)) if matrix else None
+    figure = _composed(seen, chosen, names, mirror, size, contacts)
     if target is not None:
         with replacing(target) as partial:
             figure.savefig(partial, format=target.suffix[1:].lower())
@@ -254,29 +259,13 @@ def _checked(path: Path) -> Path:
     return path
 
 
-def _contacts(run: "xr.Dataset", time: float | None) -> tuple[list[str], NDArray, list[str]]:
-    """Names, contact areas (N, N) in µm² and groups of the cells of a save, group by group."""
-    from morphosim.lazyfields import contacts
-    from morphosim.pictures.colours import groups, living
-    from morphosim.runs.fields import time_index
-
-    save = time_index(run, time)
-    group, there = groups(run, save), set(living(run, save))
-    names = [name for name in group if name in there]
-    place = {name: k for k, name in enumerate(names)}
-    areas = np.zeros((len(names), len(names)))
-    for a, b, area in contacts(run, save):
-        if a in place and b in place:
-            areas[place[a], place[b]] = areas[place[b], place[a]] = area
-    return names, areas, [group[name] for name in names]
-
-
 def _composed(
     seen: Sight, views: Sequence[View], names: bool, mirror: bool,
-    size: tuple[float, float] | None, contacts: tuple[list[str], NDArray, list[str]] | None,
+    size: tuple[float, float] | None, contacts: "ContactMatrix | None",
 ) -> "Figure":  # fmt: skip
     """Figure of views and contact matrix, with title and legend above."""
     from morphosim.pictures import annotate
+    from morphosim.pictures.matrix import ROOM, draw_matrix
     from morphosim.pictures.painter import Painter
 
     plan: Layout = layout(seen, views, contacts is not None, FOOT, size)
@@ -290,5 +279,5 @@ def _composed(
                 mirror=mirror, scale=1 / plan.per_micrometre / DPI,
             )  # fmt: skip
     if contacts is not None:
-        annotate.draw_matrix(figure.add_axes(plan.share(plan.places[-1], annotate.ROOM)), *contacts)
+        draw_matrix(figure.add_axes(plan.share(plan.places[-1], ROOM)), contacts)
     return figure

@@ -14,6 +14,7 @@ from morphosim.app.processes import Stopped
 from morphosim.app.settings import Settings, Source, facts
 from morphosim.app.store import Store
 from morphosim.app.upper import progress_text
+from morphosim.pictures.matrix import contact_matrix
 
 pytest.importorskip("pyvista", reason="PyVista is not installed")
 
@@ -117,7 +118,7 @@ def test_the_view_shows_the_last_save_first(folder: Path) -> None:
 
 def test_figures_of_a_cell(folder: Path) -> None:
     with open_run(folder / "live") as run:
-        names, areas = charts.areas_at(run, 1)
+        names, areas, _ = contact_matrix(run, 1)
         rows = {row["name"]: row["text"] for row in charts.figures(run, 1, "a")}
         for image in (charts.history(run, "a"), charts.contact_matrix(run, 1)):
             assert image.startswith("data:image/svg+xml;base64,")
