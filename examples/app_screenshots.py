@@ -39,8 +39,10 @@ def application(folder: str) -> Iterator[str]:
 
 def wait(page: Any, condition: str) -> None:
     """Wait until an expression of the page's `state` holds."""
-    text = f"() => {{ const state = window.trame?.state?.state; return state && ({condition}); }}"
-    page.wait_for_function(text, timeout=PATIENCE)
+    known = "const state = window.trame?.state?.state;"
+    page.wait_for_function(
+        f"() => {{ {known} return state?.cells && ({condition}); }}", timeout=PATIENCE
+    )
 
 
 def choose(page: Any, label: str, option: str) -> None:
