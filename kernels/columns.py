@@ -139,41 +139,39 @@ def read_repulsion(sums, first, phi, p, count, own_g, repulsion):
 
 
 @inline_kernel()
-def read_potential(sums, first, phi, p, count, weight, own_weight, psi):
-    """ψ along a row by one type's sum: σ Σ φ less the cell's own share."""
+def read_own_potential(sums, first, phi, p, count, weight, own_weight, psi):
+    """ψ along a row by the cell's own type: σ Σ φ less the cell's own share."""
     for k in range(np.uint64(count)):
         psi[p + k] = weight * sums[first + k] - own_weight * phi[p + k]
 
 
 @inline_kernel()
-def add_potential(sums, first, phi, p, count, weight, own_weight, psi):
-    """Add another type's sum."""
+def add_potential(sums, first, p, count, weight, psi):
+    """Add σ Σ φ of another type, or of pairs."""
     for k in range(np.uint64(count)):
-        psi[p + k] += weight * sums[first + k] - own_weight * phi[p + k]
+        psi[p + k] += weight * sums[first + k]
 
 
 @inline_kernel()
-def read_psi(first, length, z, row, count, own, share, pull, potential, phi, p, psi, filled):
-    """ψ along one row of a frame from row `row` of its column.
+def read_psi(first, length, z, row, count, own, share, pull, potential, phi, p, psi):
+    """ψ by cell types along one row of a frame, from row `row` of its column.
 
     The column starts at `first` in the pools and is `length` long; the frame's row begins at its
-    z-th point. `share` tells whether the cell itself is in the sums of this row, `filled` whether
-    ψ has other contributions already.
+    z-th point. `share` is 1 if the cell itself is in the sums of this row, else 0.
     """
-    if potential is not None:
+    if potential is None:
+        clear_row(psi, p, count)
+    else:
         n_types = pull.shape[0]
+        place = first * n_types + row * length + z
+        source = np.uint64(place + own * ROWS * length)
+        weight = pull[own, own]
+        read_own_potential(potential, source, phi, p, count, weight, share * weight, psi)
         for t in range(n_types):
             weight = pull[t, own]
-            if weight != 0:
-                own_weight = weight * phi.dtype.type(share and t == own)
-                source = np.uint64(first * n_types + (t * ROWS + row) * length + z)
-                if filled:
-                    add_potential(potential, source, phi, p, count, weight, own_weight, psi)
-                else:
-                    read_potential(potential, source, phi, p, count, weight, own_weight, psi)
-                    filled = True
-    if not filled:
-        clear_row(psi, p, count)
+            if t != own and weight != 0:
+                source = np.uint64(place + t * ROWS * length)
+                add_potential(potential, source, p, count, weight, psi)
 
 
 @kernel()
@@ -209,23 +207,22 @@ def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, p
             ly = oy + HALO + y
             k = column + (ly >> SHIFT) - (oy >> SHIFT)
             first, length, z = cover[k, 0], cover[k, 1], cover[k, 2]
-            row, share = row_of(lx, ly), y0 <= y < y1
+            row, share = row_of(lx, ly), phi.dtype.type(y0 <= y < y1)
             p = np.uint64(frame_index(x, y, -HALO, sx, sy))
             if w0 <= y < w1:
-                if first < 0:
-                    clear_row(repulsion, p, sy)
-                else:
+                if first >= 0:
                     source = np.uint64(first + row * length + z)
-                    read_repulsion(
-                        columns.repulsion, source, phi, p, sy, phi.dtype.type(share) * g, repulsion
-                    )
+                    read_repulsion(columns.repulsion, source, phi, p, sy, share * g, repulsion)
+                else:
+                    clear_row(repulsion, p, sy)
             if psi is not None:
-                if pair_potential is not None and pulled:
-                    copy_row(pair_potential, np.uint64(pairs_start[i]) + p, psi, p, sy)
                 if first >= 0:
                     read_psi(
                         first, length, z, row, sy, own, share, interaction.pull,
-                        columns.potential, phi, p, psi, pulled,
+                        columns.potential, phi, p, psi,
                     )  # fmt: skip
-                elif not pulled:
+                else:
                     clear_row(psi, p, sy)
+                if pair_potential is not None and pulled:
+                    source = np.uint64(pairs_start[i]) + p
+                    add_potential(pair_potential, source, p, sy, phi.dtype.type(1), psi)
