@@ -211,7 +211,16 @@ def test_a_drag_turns_and_does_not_pick(tab: "Tab") -> None:
     tab.mouse.up()
     assert changed(before, picture(tab)) > 0.02
     assert told(tab, "picked") == []
-    tab.click("#reset")
+
+
+def test_reset_ends_a_turn_that_goes_on(tab: "Tab") -> None:
+    before = picture(tab)
+    x, y = middle(tab, "high")
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(x + 200, y + 60)
+    tab.mouse.up()
+    tab.eval_on_selector("#reset", "x => x.click()")  # at once, and without the focus's frame
     assert changed(before, picture(tab)) < 0.001
 
 

@@ -147,6 +147,7 @@ export class Embryo {
   // Look at everything, from a direction in the page's coordinates.
   look(from = VIEW_FROM) {
     const { distance } = this;
+    this.stop();
     this.camera.near = distance / 50;
     this.camera.far = distance * 20;
     this.camera.position.set(...from).normalize().multiplyScalar(distance);
@@ -156,6 +157,13 @@ export class Embryo {
     this.controls.target.set(0, 0, 0);
     this.controls.update();
     this.changed();
+  }
+
+  // A drag that has ended turns the camera a little further: let it not.
+  stop() {
+    this.controls.enableDamping = false;
+    this.controls.update();
+    this.controls.enableDamping = true;
   }
 }
 
