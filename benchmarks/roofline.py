@@ -79,7 +79,7 @@ SWEEP = 3 * 5 + 5 + 5
 """Three sums of six neighbours; their weights (3 products, 2 sums); the rest (3 products, 2 sums)
 (`weighted_neighbours`, `plane_sweep`)."""
 READ = 3
-"""R and ψ: two products and a difference each (`read_repulsion`, `read_potential`)."""
+"""R and ψ: two products and a difference each (`read_repulsion`, `read_own_potential`)."""
 ADD = 3 + 1
 """R: g φ φ and a sum; Σ φ: a sum (`add_row`)."""
 SURVEY = 1 + 4

@@ -5,6 +5,7 @@ when it is stopped; the picture needs matplotlib. The egg divides in its shell a
 come to rest, for several surface tensions and two strengths of the volume constraint.
 """
 
+import math
 import sys
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ import xarray as xr
 from morphosim import built_in_scene, sweep
 
 AXES = {"physics.gamma": [0.1, 0.15, 0.25, 0.4, 0.6], "physics.M": [4.0, 8.0]}
-BALL = 2.1995
+BALL = (36 * math.pi) ** (1 / 6)
 """η of a ball, the least there is."""
 
 

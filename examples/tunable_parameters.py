@@ -38,7 +38,7 @@ def soft_among_stiff() -> None:
     )  # fmt: skip
     found = measure_fields(simulation.fields, simulation.scene.numerics.spacing)
     for name, eta in zip(simulation.names, found.irregularity, strict=True):
-        print(f"gamma   {name:8} eta = {eta:.4f} (a ball: 2.1995)")
+        print(f"gamma   {name:8} eta = {eta:.4f} (a ball: 2.1991)")
 
 
 def chase() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import choose, kernel, parallel_kernel
-from morphosim.kernels.boxes import BAD, TOTAL, survey, widen
+from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import (
@@ -121,9 +121,7 @@ def accept_band(i, phi, history, frame, memory, boxes, limits, found, out, surve
                     if history is not None:
                         copy_row(memory, source, history, goal, nz)
                 else:
-                    dropped = 0.0
-                    for z in range(np.uint64(nz)):
-                        dropped += frame[source + z]
+                    dropped = row_total(frame, source, nz)
                     lost[i] += dropped
                     out[TOTAL] -= dropped
                     clear_row(phi, goal, nz)

@@ -3,6 +3,7 @@
 import difflib
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,11 @@ def choice(name: str, value: Any, allowed: Iterable[Any]) -> None:
     hint = f"; did you mean {near[0]!r}?" if near else ""
     message = f"{name} = {value!r} is not known; allowed are {_listed(allowed)}{hint}"
     raise ValueError(message)
+
+
+def names_of(cls: type) -> list[str]:
+    """Names of a dataclass's values: the keys that a table of it may have."""
+    return [f.name for f in fields(cls)]
 
 
 def keys(where: str, table: Mapping[str, Any], allowed: Iterable[str]) -> None:

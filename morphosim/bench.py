@@ -15,7 +15,7 @@ from morphosim.library import built_in_scene
 from morphosim.machine import machine
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
-from morphosim.progress import TellWhat
+from morphosim.progress import TellWhat, silent
 from morphosim.scene import Cell, Scene
 from morphosim.shapes import Sphere
 from morphosim.simulation import Simulation
@@ -111,7 +111,7 @@ def measure(
         `seconds` is not positive, or there are not so many threads.
     """
     _validate.number("seconds", seconds, above=0)
-    say = tell or (lambda what, done, of: None)
+    say = tell or silent
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     workers = Numerics(threads=threads).worker_count
     counts = sorted({1, workers})

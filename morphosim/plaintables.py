@@ -1,7 +1,7 @@
 """Physics, numerics and cells as plain tables, and back: what scene files and saved states say."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -13,14 +13,9 @@ from morphosim.physics import Physics
 from morphosim.scene import Cell, Scene, VolumeCourse
 
 
-def names_of(cls: type) -> list[str]:
-    """Names of a dataclass's values."""
-    return [f.name for f in fields(cls)]
-
-
 def build(cls: type, table: Mapping[str, Any], where: str) -> Any:
     """Instance of a dataclass from a table; unknown and missing keys are errors."""
-    _validate.keys(where, table, names_of(cls))
+    _validate.keys(where, table, _validate.names_of(cls))
     try:
         return cls(**table)
     except TypeError as error:
@@ -30,7 +25,7 @@ def build(cls: type, table: Mapping[str, Any], where: str) -> Any:
 
 def numerics_of(table: Mapping[str, Any]) -> Numerics:
     """Numerics from a table; `preset` names what the other values differ from."""
-    _validate.keys("numerics", table, ["preset", *names_of(Numerics)])
+    _validate.keys("numerics", table, ["preset", *_validate.names_of(Numerics)])
     values = dict(table)
     chosen = Numerics.preset(values.pop("preset", "standard"))
     numerics: Numerics = build(Numerics, asdict(chosen) | values, "numerics")
@@ -44,7 +39,7 @@ def numerics_table(numerics: Numerics) -> dict[str, Any]:
 
 def physics_of(table: Mapping[str, Any], names: list[Any]) -> Physics:
     """Physics from what a scene file says; `names` are those of the cells."""
-    _validate.keys("physics", table, names_of(Physics))
+    _validate.keys("physics", table, _validate.names_of(Physics))
     values = dict(table)
     sigma = values.get("sigma")
     if isinstance(sigma, Mapping):
@@ -94,7 +89,7 @@ def physics_table(physics: Physics) -> dict[str, Any]:
 
 def physics_values(table: Mapping[str, Any]) -> dict[str, Any]:
     """Keywords of `Physics` from those values that a table has."""
-    _validate.keys("physics of a stage", table, names_of(Physics))
+    _validate.keys("physics of a stage", table, _validate.names_of(Physics))
     values = dict(table)
     if "sigma" in values:
         values["sigma"] = physics_of({"sigma": values["sigma"]}, []).attraction
@@ -158,5 +153,5 @@ def plain(value: Any) -> Any:
 
 def _plain_table(item: Any) -> dict[str, Any]:
     """Values of a dataclass but those that are None."""
-    values = {f.name: getattr(item, f.name) for f in fields(item)}
+    values = {name: getattr(item, name) for name in _validate.names_of(type(item))}
     return {name: plain(value) for name, value in values.items() if value is not None}

@@ -17,6 +17,10 @@ TellWhat = Callable[[str, int, int], None]
 """Told what is done, how much of it is done, and of how much."""
 
 
+def silent(*told: object) -> None:
+    """Tell nobody; a `Tell` and a `TellWhat`."""
+
+
 @contextmanager
 def progress_line() -> Iterator[TellWhat]:
     """Bar that appears when it is first told something, and is removed at the end."""

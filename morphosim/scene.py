@@ -1,7 +1,7 @@
 """What is modelled: cells, their physics and confinement, and how they are solved."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from morphosim.shapes import Field, PowerCell, Shape
 from morphosim.stages import Duration, Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
-_PHYSICS = [f.name for f in fields(Physics)]
+_PHYSICS = _validate.names_of(Physics)
 SAVE_FIELDS = ("packed", "exact", "none")
 VolumeFunction = Callable[[float], float]
 

@@ -18,7 +18,6 @@ from morphosim.plaintables import (
     build,
     cell_of,
     cell_values,
-    names_of,
     numerics_of,
     numerics_table,
     physics_of,
@@ -95,7 +94,7 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
     rows = table.get("cells", [])
     _validate.instance("cells", rows, list)
     for k, row in enumerate(rows):
-        _validate.keys(f"cells[{k}]", row, names_of(Cell))
+        _validate.keys(f"cells[{k}]", row, _validate.names_of(Cell))
         if "name" not in row:
             message = f"cells[{k}] has no 'name'; every cell needs one"
             raise ValueError(message)

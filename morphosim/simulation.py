@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import InitVar, dataclass, field, fields, replace
+from dataclasses import InitVar, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -318,7 +318,7 @@ class Simulation:
         ValueError
             A value is not allowed, or attraction names a cell or type that is not there.
         """
-        _validate.keys("change of physics", values, [f.name for f in fields(Physics)])
+        _validate.keys("change of physics", values, _validate.names_of(Physics))
         self._apply_change(replace(self.physics, **values))
         self._tell(f"change of {', '.join(values)}")
 

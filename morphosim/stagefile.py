@@ -25,7 +25,7 @@ Convert = Callable[[Any], Any]
 
 def stage_of(table: Mapping[str, Any], where: str, physics: Convert) -> Stage:
     """Stage from its table; `physics` turns a table of physics into keywords of `Physics`."""
-    _validate.keys(where, table, [f.name for f in fields(Stage)])
+    _validate.keys(where, table, _validate.names_of(Stage))
     if "name" not in table or "end" not in table:
         message = f"{where}: a stage needs a name and an end"
         raise ValueError(message)
@@ -60,7 +60,7 @@ def _built(table: Any, kinds: Mapping[str, type], where: str) -> Any:
     _validate.choice(f"{where}.kind", table["kind"], kinds)
     values = {key: value for key, value in table.items() if key != "kind"}
     kind = kinds[table["kind"]]
-    _validate.keys(where, values, [f.name for f in fields(kind)])
+    _validate.keys(where, values, _validate.names_of(kind))
     try:
         return kind(**values)
     except TypeError as error:

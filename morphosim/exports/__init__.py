@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from morphosim import _validate
-from morphosim.progress import Tell
+from morphosim.progress import Tell, silent
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,12 +82,8 @@ def export(
         _need(form.needs, to)
     directory.mkdir(parents=True, exist_ok=True)
     write = import_module(f"{__name__}.{form.module}").write
-    paths: list[Path] = write(run, directory, saves, tell or _silent)
+    paths: list[Path] = write(run, directory, saves, tell or silent)
     return paths
-
-
-def _silent(done: int, of: int) -> None:
-    """Tell nobody."""
 
 
 def _check_empty(directory: Path) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from morphosim import _validate
 from morphosim.library import find_scene
 from morphosim.machine import processor, versions
-from morphosim.progress import TellWhat, progress_line
+from morphosim.progress import TellWhat, progress_line, silent
 from morphosim.scene import Scene
 from morphosim.scenefile import save_scene
 from morphosim.sweeps.axes import SEED, Plan, make_plan
@@ -147,13 +147,9 @@ def sweep(
             directory=store.path, scene=setup.name, figures=chosen, threads=threads,
             keep_runs=keep == "runs",
         )  # fmt: skip
-        tell = stack.enter_context(progress_line()) if progress else _silent
+        tell = stack.enter_context(progress_line()) if progress else silent
         lost = _run(task, todo, len(finished), tell, count, address) if todo else {}
         return _written(store, setup, threads, lost)
-
-
-def _silent(what: str, done: int, of: int) -> None:
-    """Tell nobody."""
 
 
 def _checked(
@@ -241,13 +237,9 @@ def _resources(
 
 
 def _run(
-    task: Task,
-    todo: Sequence[Any],
-    finished: int,
-    tell: TellWhat,
-    workers: int,
+    task: Task, todo: Sequence[Any], finished: int, tell: TellWhat, workers: int,
     address: str | None,
-) -> dict[int, str]:
+) -> dict[int, str]:  # fmt: skip
     """Run members; why some have no result, by number."""
     lost: dict[int, str] = {}
     total = finished + len(todo)

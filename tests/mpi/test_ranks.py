@@ -1,4 +1,4 @@
-"""Scenes over one rank and three against the same on none."""
+"""Scenes over 1, 2 and 4 ranks against the same on none."""
 
 import importlib.util
 import json
@@ -16,7 +16,7 @@ from morphosim import open_run
 
 DRIVE = Path(__file__).with_name("drive.py")
 SCENES = ["moving", "staged", "vanishing", "stopping"]
-RANKS = [1, 3]
+RANKS = [1, 2, 4]
 pytestmark = [
     pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
     pytest.mark.skipif(
