@@ -24,6 +24,8 @@ SHELL_POINTS = 60
 """Points along the longest side of a shell."""
 SMOOTHINGS = 2
 """How often normals are averaged over the triangles around."""
+POINT = 1e-3
+"""µm, corners nearer than this are one."""
 SCENE_FILE, SCENE_TEXT = "scene.toml", "scene_toml"
 """Where a run directory and a packed run keep the scene."""
 
@@ -102,14 +104,18 @@ def reduced(mesh: CellMesh, triangles: int) -> CellMesh:
     """Simplify a mesh to about so many triangles. Needs PyVista.
 
     By quadric error metrics, and so that the volume stays nearly the same; a mesh with fewer
-    triangles is returned as it is.
+    triangles is returned as it is. Triangles without area, of a surface that goes through lattice
+    points, are dropped first: they keep the rest from being simplified evenly.
     """
     _validate.integer("triangles", triangles, least=4)
     if len(mesh.faces) <= triangles:
         return mesh
     poly_data = need("pyvista", "a mesh of fewer triangles").PolyData
     surface = poly_data.from_regular_faces(mesh.vertices, mesh.faces)
-    reduction = 1 - triangles / len(mesh.faces)
+    surface = surface.clean(
+        tolerance=POINT, absolute=True, polys_to_lines=False, lines_to_points=False
+    )
+    reduction = max(1 - triangles / surface.n_cells, 0.0)
     small = surface.decimate(reduction, volume_preservation=True)
     return replace(
         mesh,

@@ -69,6 +69,16 @@ def test_reduced_meshes_are_small_closed_and_keep_their_volume() -> None:
     assert reduced(mesh, 10**6) is mesh
 
 
+def test_a_surface_through_lattice_points_is_reduced_evenly() -> None:
+    pytest.importorskip("pyvista", reason="the extra pictures is not installed")
+    mesh = cell_meshes(made_run([{"ball": Ball((15.0, 15.0, 15.0), 6.0)}]))[0]
+    small = reduced(mesh, 200)
+    assert len(small.faces) <= 200
+    radii = np.linalg.norm(small.vertices - 15, axis=1)
+    assert 5.9 < radii.min() < radii.max() < 6.2
+    assert open_edges(small.faces) == 0
+
+
 def test_normals_point_outward() -> None:
     mesh = cell_meshes(made_run([PAIR]))[0]
     radial = mesh.vertices - np.array(LOW)

@@ -153,13 +153,13 @@ def test_slider_and_keys_change_the_time(tab: "Tab") -> None:
     assert names_shown(tab) == {"low", "high"}
     tab.keyboard.press("ArrowRight")
     assert changed(last, picture(tab)) < 0.001
-    assert [one["index"] for one in told(tab, "time")] == [0, 1]
+    assert [one["index"] for one in told(tab, "shown")] == [0, 1]
 
 
 def test_plays_from_the_start_to_the_end(tab: "Tab") -> None:
     tab.click("#play")
-    tab.wait_for_function("told.filter((one) => one.morphosim === 'time').length === 2")
-    assert [one["index"] for one in told(tab, "time")] == [0, 1]
+    tab.wait_for_function("told.filter((one) => one.morphosim === 'shown').length === 2")
+    assert [one["index"] for one in told(tab, "shown")] == [0, 1]
     tab.wait_for_selector("#play[aria-label=Play]")
 
 
@@ -337,7 +337,65 @@ def test_parent_page_chooses_time_and_cell(tab: "Tab") -> None:
     post(tab, "select", cell=None)
     settled(tab)
     assert tab.locator("#card").is_hidden()
-    assert told(tab, "picked") == told(tab, "time")[:0] == []
+    assert told(tab, "picked") == told(tab, "shown")[:0] == []
+
+
+def test_messages_are_acted_on_in_their_order(tab: "Tab", data: dict[str, Any]) -> None:
+    shell = shell_mesh(EllipsoidShell(center=(15, 15, 15), semi_axes=(14, 13, 12)))
+    post(tab, "load", data=data | {"title": "other", "shell": packed([shell], 3000)})
+    post(tab, "time", index=0)
+    settled(tab)
+    assert tab.inner_text("#title") == "other"
+    assert tab.inner_text("#when") == "t = 0 · 2 cells"
+
+
+def test_data_that_cannot_be_read_are_said_to_be(tab: "Tab", data: dict[str, Any]) -> None:
+    broken = [one | {"mesh": base64.b64encode(b"no gzip").decode()} for one in data["frames"]]
+    post(tab, "load", data=data | {"title": "broken", "frames": broken})
+    settled(tab)
+    assert "cannot show the cells" in tab.inner_text("#notice")
+    post(tab, "load", data=data)  # and the next ones are shown
+    settled(tab)
+    assert tab.inner_text("#when") == "t = 10 · 3 cells"
+    assert tab.locator("#notice").is_hidden()
+
+
+def test_cells_that_leave_the_bounds_come_into_view(tab: "Tab") -> None:
+    far = {"low": FIRST["low"], "far": Ball((90.0, 12.0, 15.0), 6.0)}
+    post(tab, "append", frame=frame(20.0, cell_meshes(made_run([far]))), follow=True)
+    assert names_shown(tab) == {"low", "far"}
+    assert 0 < middle(tab, "low")[0] < middle(tab, "far")[0] < WIDTH - 290  # the panel's width
+    tab.click("#cut")
+    tab.locator("#cut-bar label", has_text="x").click()
+    slide(tab, "#cut-place", 1)
+    settled(tab)
+    assert tab.inner_text("#cut-value") == "x = 96.0 µm"
+
+
+def test_show_only_this_holds_for_cells_to_come(tab: "Tab") -> None:
+    slide(tab, "#time", 0)
+    tab.mouse.click(*middle(tab, "high"))
+    tab.get_by_role("button", name="Show only this").click()
+    tab.keyboard.press("ArrowRight")
+    assert names_shown(tab) == {"high"}
+
+
+def test_play_after_a_pause_is_no_faster(browser: "Browser", tmp_path: Path) -> None:
+    (tmp_path / "view.html").write_text(viewer_page(run_data(made_run([FIRST] * 5), triangles=50)))
+    tab = browser.new_page()
+    tab.add_init_script(
+        "window.shown = []; addEventListener('message', ({data}) => "
+        "data.morphosim === 'shown' && shown.push([data.index, performance.now()]))"
+    )
+    tab.goto((tmp_path / "view.html").as_uri())
+    tab.wait_for_selector("#notice", state="hidden")
+    for _ in range(3):
+        tab.click("#play")
+    tab.wait_for_selector("#play[aria-label=Play]")
+    indices, moments = zip(*tab.evaluate("shown"), strict=True)
+    assert indices == (0, 1, 2, 3, 4)
+    assert np.diff(moments[1:]).min() > 400  # it waits for 500 ms
+    tab.close()
 
 
 def test_empty_viewer_in_a_frame_waits_for_a_run(

@@ -15,6 +15,7 @@ export class Cut {
     this.plane = new THREE.Plane();
     this.caps = new THREE.Group();
     this.capped = []; // { cell, cap, plain, numbered } of the cells that are cut
+    this.materials = []; // of the cap of the k-th cell, kept as those of the cells
     this.counting = [THREE.BackSide, THREE.FrontSide].map(countingMaterial);
     for (const material of this.counting) material.clippingPlanes = [this.plane];
     this.square = new THREE.PlaneGeometry(1, 1);
@@ -57,10 +58,6 @@ export class Cut {
   }
 
   clear() {
-    for (const { plain, numbered } of this.capped) {
-      plain.dispose();
-      numbered.dispose();
-    }
     this.capped = [];
     this.caps.clear();
     this.lines.visible = false;
@@ -81,19 +78,19 @@ export class Cut {
 
   // Count back and front faces, then fill where they differ.
   addCap(cell, order) {
-    for (const [k, material] of this.counting.entries()) {
+    for (const [later, material] of this.counting.entries()) {
       const faces = new THREE.Mesh(cell.mesh.geometry, material);
-      faces.renderOrder = order + k;
+      faces.renderOrder = order + later;
       this.caps.add(faces);
     }
-    const plain = capMaterial();
-    const numbered = paintNumber(capMaterial(), this.embryo.cells.indexOf(cell));
-    const cap = new THREE.Mesh(this.square, plain);
+    const k = this.embryo.cells.indexOf(cell);
+    this.materials[k] ??= { plain: capMaterial(), numbered: paintNumber(capMaterial(), k) };
+    const cap = new THREE.Mesh(this.square, this.materials[k].plain);
     cap.renderOrder = order + 2;
     cap.onAfterRender = (renderer) => renderer.clearStencil(); // of pixels beside the square too
     this.spread(cap, cell.box);
     this.caps.add(cap);
-    this.capped.push({ cell, cap, plain, numbered });
+    this.capped.push({ cell, cap, ...this.materials[k] });
   }
 
   // Lay the square over the section of a cell's box.

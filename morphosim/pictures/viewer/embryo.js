@@ -5,6 +5,7 @@ import { cellMaterial, flatMaterial, outlineMaterial, paintNumber, shellMaterial
 const VIEW_FROM = [0.18, 0.28, 1];
 const FIELD_OF_VIEW = 28;
 const OUTLINE = 0.35;
+const ROOM = 0.5; // µm that cells may stand out of the bounds
 
 export class Embryo {
   // `changed` is called when something has to be drawn anew.
@@ -17,6 +18,7 @@ export class Embryo {
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 1, 1000);
     this.root = new THREE.Group(); // all that is in the run's coordinates
     this.cells = []; // { name, mesh, plain, numbered, box }
+    this.materials = []; // of the k-th cell, kept: the last one's end costs its shader anew
     this.shell = new THREE.Group();
     this.outline = new THREE.Mesh(new THREE.BufferGeometry(), outlineMaterial(OUTLINE));
     this.outline.visible = false;
@@ -47,9 +49,18 @@ export class Embryo {
     this.renderer.setSize(width, height, false);
     const before = this.distance;
     this.camera.aspect = width / height;
-    this.camera.position.sub(this.controls.target).multiplyScalar(this.distance / before);
-    this.camera.position.add(this.controls.target);
-    this.camera.updateProjectionMatrix();
+    this.keepFit(before);
+  }
+
+  // What fitted from the distance `before` fits from the one that is right now.
+  keepFit(before) {
+    const { camera, controls, distance } = this;
+    camera.position.sub(controls.target).multiplyScalar(distance / before).add(controls.target);
+    camera.near = distance / 50;
+    camera.far = distance * 20;
+    camera.updateProjectionMatrix();
+    controls.minDistance = distance / 16;
+    controls.maxDistance = distance * 8;
   }
 
   draw() {
@@ -61,8 +72,6 @@ export class Embryo {
     for (const cell of this.cells) {
       this.root.remove(cell.mesh);
       cell.mesh.geometry.dispose();
-      cell.plain.dispose();
-      cell.numbered.dispose();
     }
     this.cells = meshes.map((mesh, k) => this.cell(names[k], geometryOf(mesh), k));
     for (const cell of this.cells) this.root.add(cell.mesh);
@@ -70,10 +79,11 @@ export class Embryo {
   }
 
   cell(name, geometry, k) {
-    const plain = cellMaterial();
-    const mesh = new THREE.Mesh(geometry, plain);
-    const numbered = paintNumber(flatMaterial(THREE.DoubleSide), k);
-    return { name, mesh, plain, numbered, box: geometry.boundingBox };
+    this.materials[k] ??= {
+      plain: cellMaterial(), numbered: paintNumber(flatMaterial(THREE.DoubleSide), k),
+    };
+    const mesh = new THREE.Mesh(geometry, this.materials[k].plain);
+    return { name, mesh, ...this.materials[k], box: geometry.boundingBox };
   }
 
   setShell(mesh) {
@@ -118,8 +128,17 @@ export class Embryo {
 
   // Bounds in the run's coordinates, around which the view turns.
   setBounds([low, high]) {
+    const before = this.distance;
     this.bounds.set(new THREE.Vector3(...low), new THREE.Vector3(...high));
     this.place();
+    this.keepFit(before);
+  }
+
+  // Take in cells that have left the bounds.
+  widenBounds() {
+    const all = this.cells.reduce((sum, { box }) => sum.union(box), this.bounds.clone());
+    const room = this.bounds.clone().expandByScalar(ROOM);
+    if (!room.containsBox(all)) this.setBounds([all.min, all.max]);
   }
 
   mirror(mirrored) {
@@ -146,14 +165,8 @@ export class Embryo {
 
   // Look at everything, from a direction in the page's coordinates.
   look(from = VIEW_FROM) {
-    const { distance } = this;
     this.stop();
-    this.camera.near = distance / 50;
-    this.camera.far = distance * 20;
-    this.camera.position.set(...from).normalize().multiplyScalar(distance);
-    this.camera.updateProjectionMatrix();
-    this.controls.minDistance = distance / 16;
-    this.controls.maxDistance = distance * 8;
+    this.camera.position.set(...from).normalize().multiplyScalar(this.distance);
     this.controls.target.set(0, 0, 0);
     this.controls.update();
     this.changed();

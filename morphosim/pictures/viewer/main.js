@@ -24,6 +24,7 @@ class Viewer {
     this.data = null;
     this.index = -1;
     this.shown = -1; // index of the frame on the canvas
+    this.unpacking = null;
     this.by = "cell";
     this.hidden = new Set();
     this.picked = null;
@@ -68,9 +69,7 @@ class Viewer {
     if (!same) this.forget();
     this.offerColourings();
     byId("title").textContent = data.title || "MorphoSim";
-    const mine = this.data;
     const shell = data.shell ? (await unpack(data.shell))[0] : null;
-    if (this.data !== mine) return; // overtaken by another run
     this.embryo.setShell(shell);
     byId("shell").hidden = !data.shell;
     this.embryo.setBounds(data.bounds);
@@ -113,13 +112,19 @@ class Viewer {
     const data = this.data;
     this.index = index;
     this.timeline.set(data.frames.map((one) => one.time), index);
-    const meshes = await this.unpacked.of(frame);
-    if (this.index !== index || this.data !== data) return; // overtaken by another
+    const overtaken = () => this.index !== index || this.data !== data;
+    await this.unpacking; // one at a time, so that sliding leaves no heap of old times to do
+    if (overtaken()) return;
+    const found = this.unpacked.of(frame);
+    this.unpacking = found.catch(() => {});
+    const meshes = await found;
+    if (overtaken()) return;
     this.embryo.setCells(frame.cells, meshes);
+    this.embryo.widenBounds();
     this.shown = index;
     byId("notice").hidden = true;
     this.refresh();
-    if (told) tell("time", { index });
+    if (told) tell("shown", { index });
     const next = data.frames[index + 1];
     if (next && this.timeline.playing) this.unpacked.of(next);
   }
@@ -157,7 +162,8 @@ class Viewer {
       pick: (name) => this.pick(name),
       hide: (name) => this.setVisible([name], false),
       only: (name) => {
-        this.hidden = new Set(this.frame.cells.filter((one) => one !== name));
+        const names = [...this.data.cells.map((cell) => cell.name), ...this.frame.cells];
+        this.hidden = new Set(names.filter((one) => one !== name));
         this.refresh();
       },
     };
@@ -261,15 +267,17 @@ function begin() {
     byId("notice").textContent = `This browser cannot draw in 3-D (WebGL 2): ${error.message}`;
     return;
   }
+  const data = JSON.parse(byId("data").textContent);
   listen({
     load: (data) => viewer.load(data),
     append: (frame, follow) => viewer.append(frame, follow),
     time: (index) => viewer.go(index, false),
     select: (cell) => viewer.pick(cell ?? null, false),
-  });
-  const data = JSON.parse(byId("data").textContent);
-  const loaded = data ? viewer.load(data) : Promise.resolve();
-  loaded.then(() => tell("ready"));
+    failed: (error) => {
+      byId("notice").textContent = `This browser cannot show the cells: ${error.message}`;
+      byId("notice").hidden = false;
+    },
+  }, data);
 }
 
 begin();

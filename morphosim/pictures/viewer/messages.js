@@ -1,15 +1,20 @@
-// Messages to and from the page that the viewer is a frame of: `{ morphosim: kind, … }`.
+// Messages to and from the page that the viewer is a frame of: `{ morphosim: kind, … }`. A viewer
+// that is no frame hears itself, so what is told has other kinds than what is listened to.
 
-// `acts` are load(data), append(frame, follow), time(index), select(cell).
-export function listen(acts) {
+// `acts` are load(data), append(frame, follow), time(index), select(cell), and failed(error). What
+// the page came with is loaded first; then messages are acted on in their order.
+export function listen(acts, data) {
   const handlers = {
     load: ({ data }) => acts.load(data),
     append: ({ frame, follow }) => acts.append(frame, Boolean(follow)),
-    time: ({ index }) => acts.time(index),
+    time: ({ index }) => void acts.time(index), // not waited for: the next may overtake it
     select: ({ cell }) => acts.select(cell),
   };
+  let last = Promise.resolve(data && acts.load(data)).then(() => tell("ready")).catch(acts.failed);
   window.addEventListener("message", (event) => {
-    if (event.source === window.parent) handlers[event.data?.morphosim]?.(event.data);
+    const act = handlers[event.data?.morphosim];
+    if (!act || event.source !== window.parent) return;
+    last = last.then(() => act(event.data)).catch(acts.failed);
   });
 }
 

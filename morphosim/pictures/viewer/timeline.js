@@ -12,7 +12,7 @@ export class Timeline {
     this.go = go;
     this.times = [];
     this.index = 0;
-    this.playing = false;
+    this.turn = null; // an object while it plays
     this.slider = byId("time");
     this.button = byId("play");
     this.slider.addEventListener("input", () => this.jump(Number(this.slider.value)));
@@ -38,20 +38,25 @@ export class Timeline {
 
   async play() {
     if (this.times.length < 2) return;
-    this.playing = true;
+    const turn = (this.turn = {}); // a turn before, paused, may still wait
+    const goesOn = () => this.turn === turn;
     this.draw();
     if (this.index === this.times.length - 1) await this.go(0);
     const pause = Math.min(Math.max(LENGTH / this.times.length, SHORTEST), LONGEST);
-    while (this.playing && this.index < this.times.length - 1) {
+    while (goesOn() && this.index < this.times.length - 1) {
       await new Promise((done) => setTimeout(done, pause));
-      if (this.playing) await this.go(this.index + 1);
+      if (goesOn()) await this.go(this.index + 1);
     }
-    this.pause();
+    if (goesOn()) this.pause();
   }
 
   pause() {
-    this.playing = false;
+    this.turn = null;
     this.draw();
+  }
+
+  get playing() {
+    return this.turn !== null;
   }
 
   draw() {
