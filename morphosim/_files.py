@@ -23,6 +23,16 @@ def check_file(path: Path, suffixes: Iterable[str]) -> None:
         raise FileNotFoundError(message)
 
 
+def writable(path: str | Path, suffixes: Iterable[str]) -> Path:
+    """Path of a file to write; raises, before any work, for another extension or no folder."""
+    path = Path(path)
+    _validate.choice(f"extension of {path}", path.suffix.lower(), suffixes)
+    if not path.parent.is_dir():
+        message = f"{path} cannot be written: there is no directory {path.parent}"
+        raise FileNotFoundError(message)
+    return path
+
+
 def guarded(path: Path, read: Callable[[], T]) -> T:
     """Call `read`; what its parser raises on a damaged file becomes a ValueError."""
     try:

@@ -4,7 +4,6 @@ Importing this module makes every xarray Dataset have it; it is meant for those 
 """
 
 import difflib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -205,22 +204,16 @@ class MorphoAccessor:
 
         film(self._run, path, **options)
 
-    def show(self, times: int | Iterable[float] | None = 25) -> "Page":
+    def show(self, **options: Any) -> "Page":
         """3-D view in a notebook, see `morphosim.pictures.show.show`."""
         from morphosim.pictures.show import show
 
-        return show(self._run, times)
+        return show(self._run, **options)
 
     def save_number(self, time: float | None = None) -> int:
         """Number of the save nearest to `time`, from 0; the last for None."""
         if time is not None:
             _validate.number("time", time)
-        if not self._run.sizes.get("time"):
-            message = (
-                "the Dataset has no saves along 'time'; take ds.morpho of the whole run, and give "
-                "the time to its functions"
-            )
-            raise ValueError(message)
         return time_index(self._run, time)
 
     @property

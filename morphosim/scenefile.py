@@ -98,7 +98,7 @@ def scene_from_table(table: Mapping[str, Any], folder: Path) -> Scene:
         if "name" not in row:
             message = f"cells[{k}] has no 'name'; every cell needs one"
             raise ValueError(message)
-    confinement = _confinement(table.get("confinement"), folder)
+    confinement = confinement_of(table, folder)
     shapes = _shapes(rows, confinement, folder)
     return Scene(
         cells=[cell_of(row, shape) for row, shape in zip(rows, shapes, strict=True)],
@@ -161,7 +161,17 @@ def _function(value: str, where: str) -> Callable[..., Any]:
         raise ValueError(message) from error
 
 
-def _confinement(table: Mapping[str, Any] | None, folder: Path) -> Any:
+def confinement_of(scene: Mapping[str, Any], folder: Path) -> Any:
+    """Confinement alone, from the content of a scene file; None in open space.
+
+    Raises
+    ------
+    FileNotFoundError
+        An array file that it names is not in `folder`.
+    ValueError
+        A key or value is not allowed, or a function cannot be imported.
+    """
+    table = scene.get("confinement")
     if table is None:
         return None
     if isinstance(table, Mapping) and table.get("kind") == "none":

@@ -3,7 +3,7 @@
 The palette is that of Okabe and Ito (https://jfly.uni-koeln.de/color/).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -132,6 +132,11 @@ def living(run: "xr.Dataset", save: int) -> list[str]:
     return [str(name) for name in variable(run, "cell", "cell").values[there]]
 
 
+def type_colours(run: "xr.Dataset") -> dict[str, RGB]:
+    """Colour of each type that a cell of the run ever has; "" where it has none."""
+    return _of_types(run, 0)[1]
+
+
 Groups = tuple[Mapping[str, str], dict[str, RGB]]
 """Group of each cell of the run, and colour of each group."""
 
@@ -167,7 +172,7 @@ def _of_founders(run: "xr.Dataset", save: int) -> Groups:
 
 
 def _by_volume(run: "xr.Dataset", save: int, colours: Mapping[str, object] | None) -> Colouring:
-    """Relative error of the volumes, in %."""
+    """Relative error of the volumes, in %; grey where there is no target."""
     if colours is not None:
         message = "colours has no effect where by = 'volume': errors are on a scale"
         raise ValueError(message)
@@ -177,7 +182,10 @@ def _by_volume(run: "xr.Dataset", save: int, colours: Mapping[str, object] | Non
     high = _round_up(max(float(common), LEAST_ERROR))
     shown = np.clip(errors[save] / high, -1, 1)
     error = dict(zip(_names(run), shown.tolist(), strict=True))
-    there = {name: interpolated(DIVERGING, (error[name] + 1) / 2) for name in living(run, save)}
+    there = {
+        name: interpolated(DIVERGING, (error[name] + 1) / 2) if np.isfinite(error[name]) else GREY
+        for name in living(run, save)
+    }
     ticks = [(value, f"{value:+g}" if value else "0") for value in (-high, -high / 2, 0, high / 2)]
     scale = Scale(-high, high, DIVERGING, [*ticks, (high, f"{high:+g}")])
     return Colouring("volume", "volume error, %", there, scale=scale)
@@ -233,10 +241,3 @@ def _ever_touching(run: "xr.Dataset") -> NDArray[np.int64]:
     )
     check_saves(run, saves)
     return np.unique(np.stack(pairs, axis=1).astype(np.int64), axis=0)
-
-
-def live_colours(names: Iterable[str]) -> dict[str, RGB]:
-    """Colours of the cells of a running simulation, whose contacts are not known."""
-    names = list(names)
-    none = np.zeros((0, 2), np.int64)
-    return dict(zip(names, set_apart(len(names), none), strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
-from morphosim._files import replacing
+from morphosim._files import replacing, writable
 from morphosim.pictures.camera import View, directions, swept, turned
 from morphosim.pictures.needs import need
 from morphosim.pictures.plot import draw_sight
@@ -23,7 +23,7 @@ from morphosim.pictures.sight import (
     surroundings,
 )
 from morphosim.progress import Tell
-from morphosim.runs.fields import time_index
+from morphosim.runs.fields import save_count, time_index
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,6 +37,8 @@ TITLE = 0.42
 """Inches for the time and stage."""
 QUALITY = 8
 """Of the video, of 10."""
+GIF_LEAST = 2
+"""1/100 s, least time of a frame that browsers keep to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,7 @@ def film(
         One frame for each: the save nearest to it; by default all saves. To go around one save,
         give its time as often as there are to be frames.
     fps : float
-        Frames per second.
+        Frames per second; those of a GIF last a whole number of 1/100 s, at least two.
     bounds : (2, 3) µm, optional
         Corners of the box to have in view; by default the shell or box, or else all cells.
     size : (int, int)
@@ -101,7 +103,10 @@ def film(
     OSError
         The film cannot be written, or the system has no library to draw with.
     """
-    target = _checked(Path(path))
+    target = writable(path, FORMATS)
+    need("matplotlib", "a film")
+    if target.suffix.lower() == ".mp4":
+        need("imageio_ffmpeg", "a film")
     fps = _validate.number("fps", fps, above=0)
     turn = _validate.number("turn", turn)
     if turn:
@@ -125,22 +130,10 @@ def film(
         write(partial, _told(frames, len(saves), tell), shooting.size, fps)
 
 
-def _checked(path: Path) -> Path:
-    """Path of a film that can be written; raises before work is done in vain."""
-    _validate.choice(f"extension of {path}", path.suffix.lower(), FORMATS)
-    if not path.parent.is_dir():
-        message = f"{path} cannot be written: there is no directory {path.parent}"
-        raise FileNotFoundError(message)
-    need("matplotlib", "a film")
-    if path.suffix.lower() == ".mp4":
-        need("imageio_ffmpeg", "a film")
-    return path
-
-
 def _saves(run: "xr.Dataset", times: Iterable[float] | None) -> list[int]:
     """Number of the save of each frame."""
     if times is None:
-        return list(range(run.sizes["time"]))
+        return list(range(save_count(run)))
     saves = [time_index(run, _validate.number("times", time)) for time in times]
     if not saves:
         message = "times is empty; give at least one, or None for all saves"
@@ -203,7 +196,9 @@ def _told(frames: Iterable[Pixels], count: int, tell: Tell | None) -> Iterator[P
 
 
 def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps: float) -> None:
-    writer = need("imageio_ffmpeg", "a film").write_frames(
+    ffmpeg = need("imageio_ffmpeg", "a film")
+    sent = 0
+    writer = ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", pix_fmt_out="yuv420p", quality=QUALITY,
         macro_block_size=2, output_params=["-f", "mp4", "-movflags", "+faststart"],
     )  # fmt: skip
@@ -211,6 +206,15 @@ def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps:
         writer.send(None)
         for frame in frames:
             writer.send(np.ascontiguousarray(frame))
+            sent += 1
+    try:
+        written = ffmpeg.count_frames_and_secs(str(path))[0]
+    except RuntimeError as error:
+        message = f"ffmpeg did not finish the film, and says: {error}"
+        raise OSError(message) from error
+    if written != sent:  # of which the writer says nothing
+        message = f"ffmpeg wrote {written} of {sent} frames; is the disk full?"
+        raise OSError(message)
 
 
 def _write_gif(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps: float) -> None:
@@ -218,6 +222,7 @@ def _write_gif(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps:
 
     images = (Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE) for frame in frames)
     first = next(images)
+    duration = 10 * max(round(100 / fps), GIF_LEAST)  # ms, which the file holds in 1/100 s
     first.save(
-        path, "GIF", save_all=True, append_images=images, duration=1000 / fps, loop=0, disposal=1
+        path, "GIF", save_all=True, append_images=images, duration=duration, loop=0, disposal=1
     )

@@ -198,17 +198,17 @@ def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> CellMesh:
 def run_confinement(run: "xr.Dataset") -> "Confinement | None":
     """Confinement of a run, from the scene that its directory or its packed file holds.
 
-    None in open space, and where the scene is not known: a Dataset that is not of `open_run`, a
-    scene that a file cannot hold, a packed run whose confinement is an image.
+    None in open space, and where it is not known: a Dataset that is not of `open_run`, a scene
+    that a file cannot hold, a packed run whose confinement is an image, walls by a function that
+    cannot be imported here.
     """
-    from morphosim.scenefile import load_scene, scene_from_table
+    from morphosim.scenefile import confinement_of
 
     source = Path(run.encoding.get("source", ""))
-    if (source / SCENE_FILE).is_file():
-        return load_scene(source / SCENE_FILE).confinement
-    if SCENE_TEXT not in run.attrs:
-        return None
+    file = source / SCENE_FILE
+    text = file.read_text("utf-8") if file.is_file() else run.attrs.get(SCENE_TEXT, "")
     try:
-        return scene_from_table(tomllib.loads(run.attrs[SCENE_TEXT]), source.parent).confinement
-    except FileNotFoundError:  # the images are not in the packed file
+        confinement: Confinement | None = confinement_of(tomllib.loads(text), source)
+    except (FileNotFoundError, ValueError):  # the image or the function is elsewhere
         return None
+    return confinement

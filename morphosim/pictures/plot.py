@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
-from morphosim._files import replacing
+from morphosim._files import replacing, writable
 from morphosim.pictures.camera import THREE, VIEWS, View, camera, directions
 from morphosim.pictures.layout import Layout, layout
 from morphosim.pictures.needs import need
@@ -94,7 +94,7 @@ def plot(
     chosen = _views(views)
     for name, flag in (("names", names), ("shell", shell), ("matrix", matrix)):
         _validate.flag(name, flag)
-    target = None if path is None else _checked(Path(path))
+    target = None if path is None else writable(path, FORMATS)
     need("matplotlib", "a figure")
     from morphosim.pictures.matrix import contact_matrix
 
@@ -248,15 +248,6 @@ def _views(views: str | Sequence[View]) -> list[View]:
     for view in chosen:
         directions(view)
     return chosen
-
-
-def _checked(path: Path) -> Path:
-    """Path of a picture that can be written; raises before work is done in vain."""
-    _validate.choice(f"extension of {path}", path.suffix.lower(), FORMATS)
-    if not path.parent.is_dir():
-        message = f"{path} cannot be written: there is no directory {path.parent}"
-        raise FileNotFoundError(message)
-    return path
 
 
 def _composed(

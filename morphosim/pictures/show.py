@@ -12,7 +12,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
-from morphosim._files import replacing
+from morphosim._files import replacing, writable
 from morphosim.pictures.palettes import DIVERGING, hexed, many_colours
 from morphosim.pictures.viewerdata import run_data
 from morphosim.progress import Tell
@@ -25,8 +25,9 @@ MODULES = (
     "chart", "card", "cells", "timeline", "picture", "messages", "inputs", "main",
 )  # fmt: skip
 """The page's JavaScript, each after those that it imports."""
-NOTEBOOK_TIMES = 25
-"""Saves of a page in a notebook, which keeps it within the notebook's file."""
+NOTEBOOK_TIMES = 13
+NOTEBOOK_TRIANGLES = 300_000
+"""Saves and triangles of a page in a notebook, which drops outputs of more than 3 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +61,12 @@ def show(
     Parameters
     ----------
     run : Dataset of `open_run`
-    times, triangles : see `run_data`; None for all times, which may be many megabytes
+    times, triangles : see `run_data`
+        By default few, for the notebook; None for all times may be more than it takes.
     height : int, pixels
     """
     height = _validate.integer("height", height, least=200)
-    return Page(viewer_page(run_data(run, times, triangles)), height)
+    return Page(viewer_page(run_data(run, times, triangles, NOTEBOOK_TRIANGLES)), height)
 
 
 def save_page(
@@ -86,12 +88,8 @@ def save_page(
     -------
     path
     """
-    path = Path(path)
-    _validate.choice(f"extension of {path}", path.suffix.lower(), (".html", ".htm"))
-    if not path.parent.is_dir():
-        message = f"{path.parent} is not a directory; make it, or choose another for {path.name}"
-        raise FileNotFoundError(message)
-    page = viewer_page(run_data(run, times, triangles, tell))
+    path = writable(path, (".html", ".htm"))
+    page = viewer_page(run_data(run, times, triangles, tell=tell))
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
     return path

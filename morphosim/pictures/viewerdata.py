@@ -7,13 +7,13 @@ import numpy as np
 
 from morphosim import _validate
 from morphosim.lazyfields import contacts
-from morphosim.pictures.colours import BY, TITLES, Scale, cell_colours, living
+from morphosim.pictures.colours import BY, TITLES, Scale, cell_colours, living, type_colours
 from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
 from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
 from morphosim.pictures.needs import need
 from morphosim.pictures.palettes import hexed
 from morphosim.progress import Tell
-from morphosim.runs.fields import time_index, variable
+from morphosim.runs.fields import save_count, time_index, variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,6 +34,7 @@ def run_data(
     run: "xr.Dataset",
     times: int | Iterable[float] | None = None,
     triangles: int | None = None,
+    total: int = ALL_TRIANGLES,
     tell: Tell | None = None,
 ) -> dict[str, Any]:
     """All that the viewer shows of a run. Needs PyVista.
@@ -45,8 +46,10 @@ def run_data(
         So many saves, evenly spread from the first to the last, or the saves nearest to these
         times. By default all.
     triangles : int, optional
-        Most triangles of a cell. By default 200 to 1500, so that a page of up to 15000 cells,
-        summed over all times, has less than 20 MB.
+        Most triangles of a cell. By default 200 to 1500.
+    total : int
+        By default so many triangles are shared out between the cells of all times; then a page of
+        up to 15000 cells, summed over all times, has less than 20 MB.
     tell : callable, optional
         Told how many saves are done, and of how many.
 
@@ -69,7 +72,7 @@ def run_data(
     confinement = run_confinement(run)
     shell = [] if confinement is None else [shell_mesh(confinement)]
     corners = [_corners(shell)] if shell else []
-    triangles = _default_triangles(figures, saves) if triangles is None else triangles
+    triangles = _default_triangles(figures, saves, total) if triangles is None else triangles
     frames = []
     for done, save in enumerate(saves, 1):
         meshes = cell_meshes(run, float(figures["time"].values[save]))
@@ -126,10 +129,10 @@ def frame(
 
 def _saves(run: "xr.Dataset", times: int | Iterable[float] | None) -> list[int]:
     """Numbers of the saves to show, in order, each once."""
-    count = int(run.sizes["time"])
+    count = save_count(run)
     if times is None:
         return list(range(count))
-    if isinstance(times, int):
+    if np.ndim(times) == 0:
         number = min(_validate.integer("times", times, least=1), count)
         # one time alone is the last
         return [round(save) for save in np.linspace(count - 1, 0, number)[::-1].tolist()]
@@ -140,10 +143,10 @@ def _saves(run: "xr.Dataset", times: int | Iterable[float] | None) -> list[int]:
     return saves
 
 
-def _default_triangles(figures: "xr.Dataset", saves: Sequence[int]) -> int:
-    """Triangles of a cell for a page of the usual size."""
+def _default_triangles(figures: "xr.Dataset", saves: Sequence[int], total: int) -> int:
+    """Triangles of a cell, of so many in all."""
     cells = sum(len(living(figures, save)) for save in saves)
-    return int(np.clip(ALL_TRIANGLES // max(cells, 1), FEWEST, MOST))
+    return int(np.clip(total // max(cells, 1), FEWEST, MOST))
 
 
 def _save_frame(
@@ -224,17 +227,21 @@ def _colourings(figures: "xr.Dataset", saves: Sequence[int]) -> list[dict[str, A
 
 
 def _colouring(figures: "xr.Dataset", saves: Sequence[int], by: str) -> dict[str, Any]:
-    """Colours of all cells that are in these saves; of types by type.
+    """Colours of all cells that are in these saves, or of their types.
 
     `legend` holds the entries of all saves; the page shows those of cells that are there.
     """
+    if by == "type":
+        types = _types(figures, saves)
+        return {"by": by, "title": TITLES[by], "cells": {}, "types": types, "legend": [],
+                "scale": None}  # fmt: skip
     seen: set[str] = set()
     cells: dict[str, str] = {}
     legend: dict[str, str] = {}
     scale: Scale | None = None
     for save in saves:
         there = set(living(figures, save))
-        if there <= seen and by != "type":
+        if there <= seen:
             continue
         seen |= there
         made = cell_colours(figures, float(figures["time"].values[save]), by)
@@ -244,12 +251,21 @@ def _colouring(figures: "xr.Dataset", saves: Sequence[int], by: str) -> dict[str
     return {
         "by": by,
         "title": TITLES.get(by, "volume error, %"),
-        "cells": {} if by in ("type", "volume") else cells,
-        "types": legend if by == "type" else {},
+        "cells": {} if by == "volume" else cells,
+        "types": {},
         # names of cells stand on them
         "legend": [] if by == "cell" else list(legend.items()),
         "scale": None if scale is None else _bar(scale),
     }
+
+
+def _types(figures: "xr.Dataset", saves: Sequence[int]) -> dict[str, str]:
+    """Colour of each type that a cell has in these saves."""
+    kinds = variable(figures, "type", "time", "cell").values.astype(str)
+    there = np.isfinite(variable(figures, "volume", "time", "cell").values)
+    seen = {kind for save in saves for kind in kinds[save][there[save]].tolist()}
+    palette = type_colours(figures)
+    return {kind or "no type": hexed(palette[kind]) for kind in palette if kind in seen}
 
 
 def _bar(scale: Scale) -> dict[str, Any]:

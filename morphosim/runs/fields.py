@@ -133,10 +133,23 @@ def _check_cells(run: xr.Dataset, save: int, boxes: SavedBoxes) -> None:
         raise ValueError(SELECTION)
 
 
+def save_count(run: xr.Dataset) -> int:
+    """Number of saves; ValueError for a Dataset that is not of whole runs."""
+    count = int(run.sizes.get("time", 0))
+    if not count:
+        message = (
+            "the Dataset has no saves along 'time'; take ds.morpho of the whole run, and give the "
+            "time to its functions"
+        )
+        raise ValueError(message)
+    return count
+
+
 def time_index(run: xr.Dataset, time: float | None) -> int:
     """Index of the save nearest to `time`; the last save for None."""
+    count = save_count(run)
     if time is None:
-        return int(run.sizes["time"]) - 1
+        return count - 1
     return int(np.abs(run["time"].values - time).argmin())
 
 

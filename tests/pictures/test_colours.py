@@ -50,6 +50,12 @@ def test_volume_errors_are_on_a_scale_with_white_at_0() -> None:
     assert large[0] > large[2] + 0.3  # red
 
 
+def test_cells_without_a_target_are_grey() -> None:
+    run = made_run([{"a": Ball(AT, error=-4), "b": Ball(AT)}])
+    run["target_volume"].loc[{"cell": "a"}] = np.nan
+    assert cell_colours(run, by="volume").colours["a"] == GREY
+
+
 def test_stages_are_those_in_which_cells_appear() -> None:
     run = made_run([{"a": Ball(AT)}, {"a": Ball(AT), "b": Ball(AT)}], stages=["one", "two"])
     colouring = cell_colours(run, by="stage")

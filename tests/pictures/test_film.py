@@ -1,5 +1,6 @@
 """Films: as many frames as saves, of even size, that show what is there at the time."""
 
+import resource
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -84,6 +85,29 @@ def test_a_camera_may_go_around_one_save(run: xr.Dataset, tmp_path: Path) -> Non
     assert places[0] + 20 < places[1] < places[2] - 20
     assert places[1] == pytest.approx(160, abs=4)
     assert places[0] + places[2] == pytest.approx(320, abs=6)
+
+
+def test_frames_of_a_gif_last_whole_hundredths(run: xr.Dataset, tmp_path: Path) -> None:
+    from PIL import Image
+
+    for fps, lasts in ((30, 30), (100, 20)):
+        film(run, tmp_path / "film.gif", fps=fps, **SMALL)
+        with Image.open(tmp_path / "film.gif") as image:
+            assert image.info["duration"] == lasts
+
+
+def test_a_film_that_ffmpeg_cannot_finish_leaves_the_one_before(
+    run: xr.Dataset, tmp_path: Path
+) -> None:
+    (tmp_path / "film.mp4").write_text("before")
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, most))  # of ffmpeg too
+    try:
+        with pytest.raises(OSError, match=r"ffmpeg|pipe"):
+            film(run, tmp_path / "film.mp4", **SMALL)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["before"]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim import Cell, Scene, Sphere, save_scene
+from morphosim import Cell, Mask, Scene, Sphere, save_scene
 from morphosim.confinement import BoxWalls, EllipsoidShell
 from morphosim.fields import CellField
 from morphosim.pictures.meshes import (
@@ -123,6 +123,22 @@ def test_the_confinement_is_that_of_the_scene_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found.bounds(), walls.bounds())
     save_scene(scene(None), tmp_path / "scene.toml")
     assert run_confinement(run) is None
+
+
+def test_the_confinement_needs_nothing_else_of_the_scene(tmp_path: Path) -> None:
+    inside = np.zeros((20, 20, 20), bool)
+    inside[5:15, 5:15, 5:15] = True
+    shell = EllipsoidShell(center=(5, 5, 5), semi_axes=(5, 4, 3))
+    cells = [Cell(name="a", shape=Mask(mask=inside, spacing=0.5))]
+    save_scene(Scene(cells=cells, confinement=shell), tmp_path / "scene.toml")
+    text = (tmp_path / "scene.toml").read_text()
+    packed = made_run([PAIR]).assign_attrs(scene_toml=text)  # the mask is in another file
+    found = run_confinement(packed)
+    assert isinstance(found, EllipsoidShell)
+    np.testing.assert_array_equal(found.semi_axes, shell.semi_axes)
+    elsewhere = text.replace('kind = "ellipsoid"', 'kind = "function"\nfunction = "nowhere:walls"')
+    assert elsewhere != text
+    assert run_confinement(packed.assign_attrs(scene_toml=elsewhere)) is None
 
 
 @pytest.mark.parametrize(("time", "error"), [("now", TypeError), (float("nan"), ValueError)])

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from morphosim.confinement import BoxWalls, EllipsoidShell
 from morphosim.pictures import needs, sight
 from morphosim.pictures.camera import MARGIN, View, camera, swept, turned
+from morphosim.pictures.film import film
 from morphosim.pictures.plot import draw, plot, render
+from morphosim.pictures.show import show
 
 from .made import BOX, GREEN, HIGH, LOW, PAIR, RED, Ball, all_touch, crowd, made_run
 
@@ -260,6 +262,13 @@ def test_views_may_be_one_or_several_and_a_size_given(
 def test_errors(pair: xr.Dataset, options: dict, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         plot(pair, **options)
+
+
+def test_one_time_of_a_run_is_refused(pair: xr.Dataset, tmp_path: Path) -> None:
+    one = pair.isel(time=-1)
+    for picture in (plot, lambda run: film(run, tmp_path / "a.mp4"), show):
+        with pytest.raises(ValueError, match="the whole run"):
+            picture(one)
 
 
 def test_bounds_that_are_none_are_refused(pair: xr.Dataset) -> None:

@@ -517,9 +517,22 @@ def test_progress_is_told(tmp_path: Path) -> None:
 def test_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="extension of"):
         save_page(made_run([PAIR]), tmp_path / "view.png")
-    with pytest.raises(FileNotFoundError, match="is not a directory"):
+    with pytest.raises(FileNotFoundError, match="there is no directory"):
         save_page(made_run([PAIR]), tmp_path / "none" / "view.html")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_triangles_are_shared_out() -> None:
+    (few,) = run_data(made_run([PAIR]), total=600)["frames"]
+    assert [len(faces) for _, faces in unpacked(few["mesh"])] == pytest.approx([300, 300], abs=5)
+
+
+def test_many_types_have_colours_too() -> None:
+    many = {f"c{k}": Ball((6.0 * k, 0, 0), 3.0, f"T{k}") for k in range(12)}
+    (by_type,) = (
+        of for of in run_data(made_run([many]), triangles=50)["colourings"] if of["by"] == "type"
+    )
+    assert len(set(by_type["types"].values())) == 12
 
 
 def test_names_cannot_leave_the_data(data: dict[str, Any]) -> None:
