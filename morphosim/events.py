@@ -11,18 +11,22 @@ from typing import TYPE_CHECKING, Any, Protocol
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
+from morphosim.physics import Physics
 
 if TYPE_CHECKING:
     from morphosim.simulation import Simulation
 
 AXES = ("x", "y", "z")
+CHANGEABLE = ("type", "gamma", "volume", "frozen")
+"""Values of a cell that may change while it lives."""
 
 
 class Event(Protocol):
     """Something that happens between two steps.
 
     Where it has `makes`, these are cell types that it may bring about; attraction and motility by
-    type may name them.
+    type may name them. Where it has `daughters`, these are names of cells that it may bring about;
+    attraction by pair may name them.
     """
 
     def apply(self, simulation: "Simulation") -> None:
@@ -64,6 +68,10 @@ class Division:
         if not _validate.vector(f"{where}: axis", self.axis).any():
             message = f"{where}: axis = {self.axis!r} has no direction"
             raise ValueError(message)
+        for name, values in (("types", self.types), ("volumes", self.volumes)):
+            if values is not None and (isinstance(values, str) or len(values) != 2):
+                message = f"{where}: {name} = {values!r}; expected one for each of two daughters"
+                raise ValueError(message)
         for volume in self.volumes or ():
             _validate.number(f"{where}: volumes", volume, above=0)
 
@@ -195,6 +203,9 @@ class CellChange:
     cells: Sequence[str]
     values: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        _validate.keys("change of cells", self.values, CHANGEABLE)
+
     @property
     def makes(self) -> tuple[str, ...]:
         """See `Event`."""
@@ -216,6 +227,9 @@ class PhysicsChange:
     """
 
     values: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        _validate.keys("change of physics", self.values, _validate.names_of(Physics))
 
     def apply(self, simulation: "Simulation") -> None:
         """Change the physics."""

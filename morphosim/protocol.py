@@ -29,6 +29,8 @@ class Progress:
     names, centroids : of the cells at the last check
     back : Snapshot or None
         State at the last check, where the stage may end with it.
+    told : int
+        Number of the simulation's events at that time.
     """
 
     stages: Sequence[Stage]
@@ -38,6 +40,7 @@ class Progress:
     names: tuple[str, ...] = ()
     centroids: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
     back: Snapshot | None = None
+    told: int = 0
 
     @property
     def done(self) -> bool:
@@ -72,6 +75,7 @@ class Progress:
         )
         if ended and stage.end.looks_back and self.back is not None:
             simulation.go_back(self.back)
+            del simulation.events[self.told :]
         elif check:
             self._look(simulation, stage)
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
@@ -89,6 +93,7 @@ class Progress:
         """Remember where the cells are, and the state if the stage may end with it."""
         self.names, self.centroids = tuple(simulation.names), simulation.centroids
         self.back = simulation.snapshot(alone=True) if stage.end.looks_back else None
+        self.told = len(simulation.events)
 
     def _speed(self, simulation: "Simulation", span: float) -> float:
         """v̄ of the cells that were there at the last check."""

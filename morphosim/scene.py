@@ -178,9 +178,11 @@ class Scene:
         for k, stage in enumerate(self.stages):
             _validate.instance(f"scene.stages[{k}]", stage, Stage)
             _validate.keys(f"physics of stage {stage.name!r}", stage.physics, _PHYSICS)
-            replace(self.physics, **stage.physics)  # raises where a value is not allowed
-        self.physics.check_types(self.possible_types)
-        self.physics.attraction.check_names(self.names, self.possible_types)
+        types, names = self.possible_types, self.possible_names
+        for values in ({}, *(stage.physics for stage in self.stages)):
+            physics = replace(self.physics, **values)  # raises where a value is not allowed
+            physics.check_types(types)
+            physics.attraction.check_names(names, types)
 
     @property
     def names(self) -> list[str]:
@@ -196,6 +198,12 @@ class Scene:
     def possible_types(self) -> list[str]:
         """Types that cells have, or may get by events, in alphabetical order."""
         return sorted(set(self.types).union(*(stage.makes for stage in self.stages)))
+
+    @property
+    def possible_names(self) -> list[str]:
+        """Names of the cells, and of those that divisions may bring about."""
+        born = (name for stage in self.stages for name in stage.daughters)
+        return list(dict.fromkeys([*self.names, *born]))
 
     @property
     def parents(self) -> list[str]:

@@ -13,6 +13,7 @@ from morphosim import _validate, stability
 from morphosim.division import divided
 from morphosim.engine import RUNAWAY, Engine
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
+from morphosim.events import CHANGEABLE
 from morphosim.fields import CellField
 from morphosim.initial import lattice_field
 from morphosim.interrupts import deferred_interrupts
@@ -194,6 +195,17 @@ class Simulation:
         return self.engine.steps * self.scene.numerics.dt
 
     @property
+    def stages_ended(self) -> int:
+        """Number of the scene's stages that have ended."""
+        return self._progress.index
+
+    @property
+    def finished(self) -> bool:
+        """Whether the scene's duration, or the last of its stages, is over."""
+        over = self.engine.steps >= _steps(self.scene.duration, self.scene.numerics.dt)
+        return over or (bool(self.scene.stages) and self._progress.done)
+
+    @property
     def names(self) -> list[str]:
         """Names of the cells that are alive."""
         return [cell.name for cell in self.cells]
@@ -301,7 +313,7 @@ class Simulation:
         ValueError
             There is no such cell or value.
         """
-        _validate.keys("change of cells", values, ("type", "gamma", "volume", "frozen"))
+        _validate.keys("change of cells", values, CHANGEABLE)
         places = [self._place(name) for name in cells]
         for i in places:
             self.cells[i] = replace(self.cells[i], **values)
@@ -316,7 +328,7 @@ class Simulation:
         Raises
         ------
         ValueError
-            A value is not allowed, or attraction names a cell or type that is not there.
+            A value is not allowed.
         """
         _validate.keys("change of physics", values, _validate.names_of(Physics))
         self._apply_change(replace(self.physics, **values))
@@ -380,7 +392,7 @@ class Simulation:
             simulation with it.
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
-        last = int(np.ceil(end / self.scene.numerics.dt - 1e-9))
+        last = _steps(end, self.scene.numerics.dt)
         started: list[Observer] = []
         staged = bool(self.scene.stages)
         try:
@@ -441,6 +453,11 @@ class Simulation:
         for i in vanished[::-1].tolist():
             self._take_out(i)
         self._set_targets()
+
+
+def _steps(time: float, dt: float) -> int:
+    """Steps to a time."""
+    return int(np.ceil(time / dt - 1e-9))
 
 
 def _values(cell: Cell) -> dict[str, Any]:

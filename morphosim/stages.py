@@ -141,6 +141,14 @@ class Stage:
         object.__setattr__(self, "rules", tuple(self.rules))
 
     @property
+    def daughters(self) -> list[str]:
+        """Names of cells that its events and rules may bring about."""
+        return [
+            name
+            for event in (*self.events, *self.rules) for name in getattr(event, "daughters", ())
+        ]  # fmt: skip
+
+    @property
     def makes(self) -> set[str]:
         """Cell types that its events and rules may bring about."""
         return {

@@ -90,6 +90,8 @@ def test_divisions_that_cannot_be(options: dict, error: str) -> None:
         ({"daughters": ("a", "a")}, "occurs twice"),
         ({"fraction": 0.0}, "fraction = 0.0 is not allowed"),
         ({"volumes": (1.0, -1.0)}, "volumes = -1.0 is not allowed"),
+        ({"volumes": (1.0,)}, r"volumes = \(1.0,\); expected one for each"),
+        ({"types": "xy"}, "types = 'xy'; expected one for each"),
     ],
 )
 def test_divisions_are_checked_when_made(options: dict, error: str) -> None:
@@ -152,6 +154,10 @@ def test_changes_act_as_if_the_scene_had_been_so() -> None:
 
 
 def test_changes_are_checked() -> None:
+    with pytest.raises(ValueError, match="'size' is not known"):
+        CellChange(cells=["a"], values={"size": 3})
+    with pytest.raises(ValueError, match="'gama' is not known"):
+        PhysicsChange(values={"gama": 0.3})
     simulation = start(ball("a"))
     with pytest.raises(ValueError, match="'size' is not known"):
         simulation.change_cells(["a"], size=3)

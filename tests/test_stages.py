@@ -106,6 +106,35 @@ def test_a_quasi_steady_stage_ends_with_the_state_of_the_minimum(
         assert np.isfinite(run["rms_speed"].values[1:]).all()
 
 
+class Rename:
+    """Give a cell another type at a time."""
+
+    def __init__(self, time: float, kind: str) -> None:
+        self.time, self.kind = time, kind
+
+    def apply(self, simulation: Simulation) -> None:
+        if simulation.time == self.time:
+            simulation.change_cells(simulation.names[:1], type=self.kind)
+
+
+def test_what_a_stage_undoes_has_not_happened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    speeds = iter([5.0, 3.0, 2.0, 4.0])
+    monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
+    rules = [Rename(28.0, "early"), Rename(36.0, "late")]
+    chosen = scene(Stage(name="q", end=QuasiSteady(), rules=rules, rules_every=2.0))
+    simulation = Simulation(chosen)
+    simulation.run(observers=[RunWriter(tmp_path, 8)])  # at 32 too, which is dropped
+    assert simulation.time == 30
+    assert simulation.cells[0].type == "early"
+    assert [time for time, _ in simulation.events] == [28.0]
+    with open_run(tmp_path) as run:
+        assert run["time"].values.tolist() == [0, 8, 16, 24, 30]
+        assert run["events"].values.tolist() == ["", "", "", "", "change of type of m"]
+        assert run.attrs["finished"] == 1
+
+
 def test_a_limit_and_a_condition_end_a_stage() -> None:
     limited = Simulation(scene(Stage(name="s", end=Steady(1e-9), limit=25.0)))
     limited.run()
@@ -205,6 +234,23 @@ def test_wrong_stages_in_a_file(tmp_path: Path, text: str, error: str) -> None:
 def test_what_a_file_cannot_say(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"stage 'w': .* cannot be written"):
         save_scene(scene(Stage(name="w", end=When(lambda s: True))), tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("physics", "error"),
+    [
+        ({"sigma": Attraction(pairs={("a", "c"): 0.5})}, "'c' is not known; allowed are 'm', 'a'"),
+        ({"sigma": Attraction(types={("x", "z"): 0.5})}, "'z' is not known"),
+        ({"kappa_by_type": {"z": 0.1}}, "'z' is not known"),
+    ],
+)
+def test_physics_of_a_stage_name_cells_and_types_that_may_come(physics: dict, error: str) -> None:
+    divides = Stage(name="one", end=Duration(10), events=[DIVISION])
+    named = {"sigma": Attraction(pairs={("a", "b"): 0.5}, types={("x", "x"): 0.3})}
+    for values in (named, {"kappa_by_type": {"x": 0.1}}):
+        scene(divides, Stage(name="two", end=Duration(10), physics=values))
+    with pytest.raises(ValueError, match=error):
+        scene(divides, Stage(name="two", end=Duration(10), physics=physics))
 
 
 def test_stages_are_checked_when_made() -> None:

@@ -109,6 +109,7 @@ def provenance(simulation: "Simulation") -> dict[str, Any]:
         "threads": simulation.engine.workers,
         "duration": scene.duration,
         "error": simulation.error,
+        "finished": int(simulation.finished),
     }
 
 

@@ -104,6 +104,8 @@ class RunWriter:
         """Save the end of a stage; saves beyond it, if the stage ends in the past, are dropped."""
         if simulation.engine.steps < self._saved:
             beyond = self._number
+            while self._told[-1][0] >= simulation.engine.steps:
+                self._told.pop()
             self._save(simulation)
             self._drop(beyond, simulation.engine.steps)
         else:
@@ -124,7 +126,7 @@ class RunWriter:
         else:
             self._check_free()
         self.files.tidy()
-        self._told = 0
+        self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
         self._number = self.files.last
         self._saved = simulation.engine.steps if self.files.saves else -1
         self._marks = deque([_Since(simulation, simulation.centroids)], maxlen=4)
@@ -187,7 +189,7 @@ class RunWriter:
         number = self._number + 1
         measured = _measured(simulation)
         speeds = self._speeds(simulation, measured.centroid)
-        events = "; ".join(text for _, text in simulation.events[self._told :])
+        events = "; ".join(text for _, text in simulation.events[self._told[-1][1] :])
         state = self._other.submit(simulation.snapshot().write, self.files.restart(number))
         try:
             with replacing(self.files.save(number)) as partial:
@@ -198,7 +200,7 @@ class RunWriter:
             raise self._error(simulation, error) from error
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.engine.steps
-        self._told = len(simulation.events)
+        self._told.append((simulation.engine.steps, len(simulation.events)))
         self._marks.append(_Since(simulation, measured.centroid))
 
     def _speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> Any:
