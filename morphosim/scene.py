@@ -195,6 +195,14 @@ class Scene:
         return [cell.type for cell in self.cells]
 
     @property
+    def end(self) -> float | None:
+        """*In silico* time at which a run ends; None if the state of the cells says so."""
+        if not self.stages:
+            return self.duration
+        times = [s.end.time for s in self.stages if isinstance(s.end, Duration)]
+        return min(sum(times), self.duration) if len(times) == len(self.stages) else None
+
+    @property
     def possible_types(self) -> list[str]:
         """Types that cells have, or may get by events, in alphabetical order."""
         return sorted(set(self.types).union(*(stage.makes for stage in self.stages)))

@@ -18,7 +18,7 @@ import numpy as np
 from morphosim.physics import Physics
 from morphosim.scene import Cell, Scene
 from morphosim.schemes import largest_eigenvalue
-from morphosim.walls import wall_strength
+from morphosim.walls import is_resolved, wall_strength
 
 COARSEST = 1.5
 """Largest √(2c) h: the profile's tail falls by exp(-√(2c) h) from one lattice point to the next."""
@@ -146,6 +146,14 @@ def least_S(scene: Scene) -> float:
         return 0.0
     share = 0.75 if scene.numerics.scheme == "bdf2" else 0.5
     return max(0.0, share * explicit_rate(scene) - scene.physics.tau / scene.numerics.dt)
+
+
+def stabilised(scene: Scene) -> Scene:
+    """Copy of the scene with the S that its walls need, where they cannot be resolved (images)."""
+    numerics, walls = scene.numerics, scene.confinement
+    if walls is None or numerics.walls != "resolved" or is_resolved(walls, numerics):
+        return scene
+    return scene.with_numerics(S=max(numerics.S, float(np.ceil(least_S(scene)))))
 
 
 def largest_euler_step(scene: Scene) -> float:

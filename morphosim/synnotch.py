@@ -25,7 +25,7 @@ TIME_STEP = 1.25
 DURATION = 50000.0
 """*In silico* time of an assembly, a repair or a dissociation."""
 MARKING = 40000.0
-"""*In silico* time from which red cells that touch a green one are marked blue (Fig. 6, row 1)."""
+"""*In silico* time by which red cells that touch a green one are marked blue (Fig. 6, row 1)."""
 
 ASYMMETRIC = Attraction(types={
     ("R", "R"): 0.9, ("G", "G"): 0.9, ("R", "G"): 0.5,

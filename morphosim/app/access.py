@@ -34,21 +34,25 @@ class Access:
     token: str = ""
 
     @classmethod
-    def of_host(cls, host: str) -> "Access":
-        """Rule for a server that listens at `host`: a new token, unless that is loopback."""
-        return cls("" if is_loopback(host) else secrets.token_urlsafe(24))
+    def of_host(cls, host: str, always: bool = False) -> "Access":
+        """Rule for a server that listens at `host`: a new token, unless that is loopback.
+
+        `always` asks for one there too, which other users of this machine do not have.
+        """
+        return cls(secrets.token_urlsafe(24) if always or not is_loopback(host) else "")
 
     def refusal(
         self, headers: Mapping[str, str], parameters: Mapping[str, str], cookie: str | None
     ) -> str:
         """Why a request is refused; "" if it is not.
 
-        Another site's page that sends the browser here has that site's Origin; one that has
-        pointed its own name at this machine has that name as Host. Both are refused.
+        Another site's page that sends the browser here has that site's Origin, or says that it is
+        another site's where it shows something of us; one that has pointed its own name at this
+        machine has that name as Host. All are refused; links to the page are not.
 
         Parameters
         ----------
-        headers : with Host and Origin
+        headers : with Host, and Origin, Sec-Fetch-Site and Sec-Fetch-Dest as browsers send them
         parameters : of the address, perhaps with the token
         cookie : the token as the browser has kept it
         """
@@ -58,6 +62,9 @@ class Access:
         origin = headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != asked:
             return f"Origin {origin!r} is another site; open the application itself"
+        document = headers.get("Sec-Fetch-Dest") == "document"
+        if headers.get("Sec-Fetch-Site") == "cross-site" and not document:
+            return "another site shows this; open the application itself"
         if self.token and not self._known(parameters.get(PARAMETER), cookie):
             return "the token is missing or wrong; open the address that the terminal shows"
         return ""

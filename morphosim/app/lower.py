@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from morphosim.app import charts, tasks
-from morphosim.app.processes import Desk, Job, JobError, Stopped
+from morphosim.app.processes import Desk, Job, JobError, Stopped, words_of
 from morphosim.app.routes import Streams
 from morphosim.app.store import Store
 from morphosim.app.worker import warm_up
@@ -52,6 +52,8 @@ class Lower:
         self._run: xr.Dataset | None = None
         self._saves: list[int] = []
         self._count, self._whole, self._viewed = 0, False, False
+        self._wanted = object()  # what is to be drawn; another one for each choice
+        self._traced: str | None = ""  # cell of the run whose history is drawn
         self._viewing: Desk | None = None
         self._making: Desk | None = None
 
@@ -90,6 +92,7 @@ class Lower:
     async def open(self) -> None:
         """Open the chosen run: the last save at once, the others when they are ready."""
         name, began = self._state.look_name or "", time.perf_counter()
+        self._wanted = object()
         with self._state as state:
             state.opening, state.look_error, state.made = True, "", []
         try:
@@ -100,9 +103,9 @@ class Lower:
             await asyncio.gather(self._show_cells(path, began), self._update(cell=None))
         except Stopped:
             return  # another run has been opened meanwhile
-        except (JobError, ValueError, OSError) as error:
+        except Exception as error:
             with self._state as state:
-                state.look_error = str(error)
+                state.look_error = words_of(error)
         with self._state as state:
             state.opening = False
 
@@ -111,6 +114,7 @@ class Lower:
 
         if self._run is not None:
             self._run.close()
+        self._traced = ""
         self._run = open_run(path).load() if path.is_file() else open_run(path)
 
     def _show_facts(self, name: str) -> None:
@@ -128,7 +132,8 @@ class Lower:
             state.about += f"; {len(self._saves)} of them are shown"
         if error:
             state.about += f". Ended by an error: {error}"
-        state.can_resume = not error and bool(times[-1] < end - 1e-9)
+        finished = run.attrs.get("finished", times[-1] >= end - 1e-9)  # of old runs, by their time
+        state.can_resume = not error and not finished
 
     async def _show_cells(self, path: Path, began: float) -> None:
         assert self._viewing is not None
@@ -169,7 +174,7 @@ class Lower:
             with state:
                 state.run_cell = value
             await self._update(value)
-        elif kind == "time" and self._whole and value != state.run_index:
+        elif kind == "shown" and self._whole and value != state.run_index:
             with state:
                 state.run_index = int(value)
             await self._update(state.run_cell)
@@ -179,16 +184,26 @@ class Lower:
         await self._update(self._state.run_cell)
 
     async def _update(self, cell: str | None) -> None:
-        """Draw the figures of what is chosen, in the thread that reads."""
+        """Draw the figures of what is chosen, unless something else is chosen meanwhile."""
         run, index = self._run, self._state.run_index
         if run is None or not 0 <= index < len(self._saves):
             return
-        save = self._saves[index]
-        matrix = await self._read(charts.contact_matrix, run, save)
-        rows = await self._read(charts.figures, run, save, cell) if cell else []
-        history = await self._read(charts.history, run, cell) if cell else ""
-        with self._state as state:
-            state.matrix, state.figures, state.history = matrix, rows, history
+        save, wanted = self._saves[index], object()
+        self._wanted = wanted
+
+        def drawn() -> dict[str, Any]:
+            found: dict[str, Any] = {"figures": charts.figures(run, save, cell) if cell else []}
+            if self._wanted is wanted:
+                found["matrix"] = charts.contact_matrix(run, save)
+            if self._wanted is wanted and self._traced != cell:
+                found["history"] = charts.history(run, cell) if cell else ""
+            return found
+
+        found = await self._read(lambda: drawn() if self._wanted is wanted else {})
+        if self._wanted is wanted:
+            self._traced = cell
+            with self._state as state:
+                state.update(found)
 
     async def _read(self, function: Callable[..., Any], *arguments: Any) -> Any:
         loop = asyncio.get_running_loop()
@@ -234,9 +249,9 @@ class Lower:
                 state.made = [*state.made, self._entry(what, target)]
         except Stopped:
             pass
-        except (JobError, ValueError, OSError) as error:
+        except Exception as error:
             with state:
-                state.look_error = str(error)
+                state.look_error = words_of(error)
         with state:
             state.making = ""
 

@@ -228,8 +228,13 @@ def _result(channel: Channel, job: Job, arguments: dict[str, Any]) -> tuple[str,
         return "done", job(channel, **arguments)
     except Stopped:
         return "stopped", None
-    except EXPECTED as error:
-        return "failed", str(error)
-    except Exception as error:  # a fault of this program: said in full in the log
-        _log.exception("job %s", job)
-        return "failed", f"{type(error).__name__}: {error}"
+    except Exception as error:
+        return "failed", words_of(error)
+
+
+def words_of(error: Exception) -> str:
+    """What to say of an error; a fault of this program is said in full in the log."""
+    if isinstance(error, (*EXPECTED, JobError)):
+        return str(error)
+    _log.error("fault of the application", exc_info=error)
+    return f"{type(error).__name__}: {error}"

@@ -65,8 +65,10 @@ def _guard(access: Access) -> Middleware:
             response = await handler(request)
         except web.HTTPException as error:  # redirections too are answers
             response = error
-        if access.token and PARAMETER in request.query and not response.prepared:
-            response.set_cookie(cookie, access.token, httponly=True, samesite="Strict")
+        if not response.prepared:
+            response.headers["Content-Security-Policy"] = "frame-ancestors 'self'"
+            if access.token and PARAMETER in request.query:
+                response.set_cookie(cookie, access.token, httponly=True, samesite="Strict")
         if isinstance(response, web.HTTPException):
             raise response
         return response

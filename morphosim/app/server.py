@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import socket
 import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
@@ -18,6 +19,8 @@ from morphosim.app.upper import Upper
 
 _log = logging.getLogger(__name__)
 STATIC = Path(__file__).with_name("static")
+ANYWHERE = ("0.0.0.0", "::")
+"""Hosts that listen at all addresses of this machine."""
 Tell = Callable[[str], None]
 
 
@@ -67,9 +70,10 @@ class Application:
                 self.upper.close()
                 self.lower.close()
 
-    def address(self) -> str:
-        """Address of the page, with the token if there is one."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
+    def address(self, host: str = "") -> str:
+        """Address of the page as seen from `host`, with the token if there is one."""
+        host = host or self._host
+        host = f"[{host}]" if ":" in host else host
         token = f"?{PARAMETER}={self.access.token}" if self.access.token else ""
         return f"http://{host}:{self.server.port}/{token}"
 
@@ -89,11 +93,12 @@ class Application:
         add_routes(web_server.app, self.access, self.store, self.streams)
 
     def _ready(self, **_: Any) -> None:
-        self._told(self.address())
+        everywhere = self._host in ANYWHERE  # which is no address that a browser could open
+        self._told(self.address(socket.gethostname() if everywhere else ""))
         if self._open:
             import webbrowser
 
-            webbrowser.open(self.address())
+            webbrowser.open(self.address("127.0.0.1" if everywhere else ""))
         self._start(self.upper.start)
         self._start(self.lower.start)
 
@@ -164,7 +169,9 @@ def _no_arguments() -> Iterator[None]:
         sys.argv = kept
 
 
-def serve(folder: Path, host: str, port: int, tell: Tell, open_browser: bool = False) -> None:
+def serve(
+    folder: Path, host: str, port: int, tell: Tell, open_browser: bool = False, token: bool = False
+) -> None:
     """Serve the application of a folder until Ctrl-C.
 
     Parameters
@@ -180,6 +187,8 @@ def serve(folder: Path, host: str, port: int, tell: Tell, open_browser: bool = F
         Told the page's address.
     open_browser : bool
         Whether to open it.
+    token : bool
+        Whether to ask for a token in any case.
 
     Raises
     ------
@@ -194,4 +203,4 @@ def serve(folder: Path, host: str, port: int, tell: Tell, open_browser: bool = F
     except ImportError as error:
         message = "the application needs trame; try: pip install 'morphosim[app]'"
         raise ImportError(message) from error
-    Application(store, Access.of_host(host)).serve(host, port, tell, open_browser)
+    Application(store, Access.of_host(host, token)).serve(host, port, tell, open_browser)

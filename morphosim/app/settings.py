@@ -17,6 +17,7 @@ from morphosim.nametable import NameTable, read_table
 from morphosim.numerics import PRESETS, Numerics
 from morphosim.scene import Scene
 from morphosim.shapes import Field, PowerCell
+from morphosim.stability import stabilised
 
 KINDS = ("built-in", "matlab", "labels")
 OWN = "as the scene says"
@@ -122,14 +123,17 @@ class Settings:
         original = self.source.read(store)
         scene = _renamed(original, [str(name).strip() for name in self.names])
         sigma = changed_attraction(scene, self._matrix(scene.names))
+        numerics = self._numerics(scene.numerics)
         scene = replace(
             scene.with_physics(sigma=sigma),
-            numerics=self._numerics(scene.numerics),
+            numerics=numerics,
             duration=_validate.parsed_number("time", self.duration, above=0),
             save_every=_validate.parsed_number("saving interval", self.save_every, above=0),
             name=self.name,
         )
-        return scene if self.shell else without_shell(scene)
+        if not self.shell:
+            return without_shell(scene)
+        return scene if numerics == original.numerics else stabilised(scene)
 
     def _matrix(self, names: Sequence[str]) -> NDArray[np.float64]:
         """Attraction matrix as numbers; the diagonal is 0."""

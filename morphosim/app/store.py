@@ -12,11 +12,13 @@ from morphosim.runs.files import RunDirectory
 
 DEEPEST = 4
 """Folders are searched down to this depth."""
-MOST_ENTRIES = 20_000
-"""So many entries of folders are looked at, at most."""
+MOST_FOLDERS = 20_000
+"""So many folders are looked at, at most."""
 UPLOADS = "imports"
 """Folder of files that come from the browser."""
-UPLOAD_SUFFIXES = (".mat", ".tif", ".tiff", ".npy", ".npz", ".nc", ".xls", ".xlsx", ".csv")
+MASKS, TABLES = (".mat",), (".xls", ".xlsx", ".csv")
+IMAGES = (".tif", ".tiff", ".npy", ".npz", ".nc")
+UPLOAD_SUFFIXES = (*MASKS, *IMAGES, *TABLES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +82,16 @@ class Store:
         FileExistsError
             There is a run, or a file, of this name.
         ValueError
-            See `path`.
+            See `path`; or the run would not be among those that are listed.
         """
         place = self.path(name)
+        parts = place.relative_to(self.root).parts
+        if len(parts) > DEEPEST or any(part.startswith(".") for part in parts):
+            message = (
+                f"{name!r} would not be listed; take a name of at most {DEEPEST} folders, of which "
+                "none begins with a dot"
+            )
+            raise ValueError(message)
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
             message = f"{name!r} exists and is not empty; give another name, or resume that run"
             raise FileExistsError(message)
@@ -140,14 +149,12 @@ class Store:
 
     def _folders(self) -> Iterator[tuple[Path, list[str]]]:
         """All folders with the names of their files; links and hidden folders are passed over."""
-        left = MOST_ENTRIES
-        for folder, inner, names in os.walk(self.root):
+        for count, (folder, inner, names) in enumerate(os.walk(self.root)):
+            if count == MOST_FOLDERS:
+                return
             depth = len(Path(folder).relative_to(self.root).parts)
             inner[:] = sorted(n for n in inner if not n.startswith(".")) if depth < DEEPEST else []
             plain = [n for n in names if not (Path(folder) / n).is_symlink()]
-            left -= len(names) + len(inner)
-            if left < 0:
-                return
             yield Path(folder), plain
 
 

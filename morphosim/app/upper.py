@@ -6,21 +6,21 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from morphosim.app import worker
-from morphosim.app.processes import STOP, Desk, Job, JobError, Stopped
+from morphosim.app.processes import STOP, Desk, Job, JobError, Stopped, words_of
 from morphosim.app.routes import Streams
 from morphosim.app.settings import OWN, PRESET_NAMES, Settings, Source, facts
-from morphosim.app.store import Store
+from morphosim.app.store import IMAGES, MASKS, TABLES, Store
 from morphosim.library import scene_names
 
-MASK_FILES, TABLE_FILES = (".mat",), (".xls", ".xlsx", ".csv")
-IMAGE_FILES = (".tif", ".tiff", ".npy", ".npz", ".nc")
+FILES = {"mask_files": MASKS, "table_files": TABLES, "image_files": IMAGES}
+"""Lists of files to import, and their endings."""
 MOST_IN_TABLE = 24
 """Cells up to which the whole attraction matrix can be edited; beyond, one pair at a time."""
 FIRST = "celegans-8"
 
 STATE = {
     "source_kind": "built-in", "scene_name": FIRST, "scene_names": scene_names(),
-    "masks": "", "table": "", "shell_file": "", "image": "", "voxel": "", "uploads": {},
+    "masks": "", "table": "", "shell_file": "", "image": "", "voxel": "",
     "mask_files": [], "table_files": [], "image_files": [],
     "loaded": "", "description": "", "stages": [], "has_shell": False,
     "cells": [], "sigma": [], "pair_from": "", "pair_to": "", "pair_value": "0", "pair_both": True,
@@ -49,7 +49,8 @@ class Upper:
     ) -> None:
         self._state, self._store, self._streams, self._ended = state, store, streams, ended
         self._source, self._runs, self._began = Source(), 0, 0.0
-        self._facts: dict[str, Any] = {}
+        self._reading: Source | None = None
+        self._until: float | None = None
         self._desk: Desk | None = None
 
     async def start(self) -> None:
@@ -66,9 +67,7 @@ class Upper:
 
     def list_files(self) -> None:
         """Look for files to import."""
-        for name, suffixes in (
-            ("mask_files", MASK_FILES), ("table_files", TABLE_FILES), ("image_files", IMAGE_FILES),
-        ):  # fmt: skip
+        for name, suffixes in FILES.items():
             self._state[name] = self._store.files(suffixes)
 
     async def read_source(self) -> None:
@@ -79,18 +78,21 @@ class Upper:
             table=state.table or "", shell=state.shell_file or "", image=state.image or "",
             spacing=state.voxel or "",
         )  # fmt: skip
+        self._reading = source
         with state:
             state.reading, state.form_error = True, ""
+        found, words = None, ""
         try:
             found = facts(await asyncio.to_thread(source.read, self._store))
-        except (ValueError, TypeError, OSError, ImportError) as error:
-            with state:
-                state.form_error, state.reading = str(error), False
-            return
+        except Exception as error:
+            words = words_of(error)
+        if self._reading is not source:
+            return  # another has been chosen meanwhile
         with state:
-            self._source, self._facts = source, found
-            self._fill(found)
-            state.reading = False
+            state.reading, state.form_error = False, words
+            if found is not None:
+                self._source = source
+                self._fill(found)
 
     def _fill(self, found: dict[str, Any]) -> None:
         state = self._state
@@ -152,9 +154,10 @@ class Upper:
         self._ask(worker.GO_ON)
 
     def stop(self) -> None:
-        """End the run; it is saved."""
-        self._state.status = "stopping"
-        self._ask(STOP)
+        """End the run, unless it has just ended; it is saved."""
+        if self._state.status in ("running", "paused"):
+            self._state.status = "stopping"
+            self._ask(STOP)
 
     def _ask(self, command: str) -> None:
         if self._desk is not None:
@@ -195,7 +198,7 @@ class Upper:
         state.warnings = [*state.warnings, text]
 
     def _hear_began(self, state: Any, found: dict[str, Any]) -> None:
-        self._until, self._from = found["until"], found["time"]
+        self._until = found["until"]
         state.status = "running"
         state.progress_text = "first step; it compiles the kernels where that has not been done"
 
@@ -211,7 +214,7 @@ class Upper:
         state.live_stream = {"key": key, "count": self._streams.add(key, content)}
 
     def _hear_progress(self, state: Any, found: dict[str, Any]) -> None:
-        state.progress = round(100 * found["time"] / self._until, 1) if self._until else 100
+        state.progress = round(100 * found["share"], 1)
         state.progress_text = progress_text(found, self._until)
 
     def _hear_paused(self, state: Any, content: None) -> None:
@@ -221,9 +224,9 @@ class Upper:
         state.status = "running"
 
 
-def progress_text(found: dict[str, Any], until: float) -> str:
+def progress_text(found: dict[str, Any], until: float | None) -> str:
     """Time, stage, speed and what is left, in one line."""
-    parts = [f"t = {found['time']:g}" + ("" if found["stage"] else f" of {until:g}")]
+    parts = [f"t = {found['time']:g}" + ("" if until is None else f" of {until:g}")]
     if found["stage"]:
         parts.append(f"stage {found['stage']}")
     parts.append(f"{found['cells']} cells" if found["cells"] > 1 else "1 cell")

@@ -6,7 +6,7 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from morphosim.app.routes import VIEWER
-from morphosim.app.upper import Upper
+from morphosim.app.upper import FILES, Upper
 from morphosim.app.widgets import Background, alert, choice, field, plain_input, upload
 
 IDLE = "status === 'idle'"
@@ -46,13 +46,12 @@ def _source(upper: Upper, background: Background) -> None:
     with html.Div(v_if=("source_kind === 'built-in'",)):
         choice("Scene", "scene_name", "scene_names", update_modelValue=read)
     with html.Div(v_if=("source_kind === 'matlab'",)):
-        _file("Cells: masks or saved fields (.mat)", "masks", "mask_files", ".mat")
-        _file("Names and attraction (.xls, .xlsx, .csv)", "table", "table_files", ".xls,.xlsx,.csv")
-        _file("Eggshell (.mat); empty: the published one", "shell_file", "mask_files", ".mat")
+        _file(upper, "Cells: masks or saved fields", "masks", "mask_files")
+        _file(upper, "Names and attraction", "table", "table_files")
+        _file(upper, "Eggshell; empty: the published one", "shell_file", "mask_files")
     with html.Div(v_if=("source_kind === 'labels'",)):
-        images = ".tif,.tiff,.npy,.npz,.nc"
-        _file("Label image (.tif, .npy, .nc)", "image", "image_files", images)
-        _file("Names and attraction; may be empty", "table", "table_files", ".xls,.xlsx,.csv")
+        _file(upper, "Label image", "image", "image_files")
+        _file(upper, "Names and attraction; may be empty", "table", "table_files")
     with html.Div(v_if=("source_kind !== 'built-in'",), classes="line"):
         field(
             "Voxel, µm",
@@ -65,10 +64,14 @@ def _source(upper: Upper, background: Background) -> None:
     html.P("{{ description }}", v_if=("description && source_kind === 'built-in'",), classes="note")
 
 
-def _file(label: str, name: str, items: str, accept: str) -> None:
+def _file(upper: Upper, label: str, name: str, items: str) -> None:
+    suffixes = FILES[items]
     with html.Div(classes="line"):
-        choice(label, name, items, clearable=True)
-        upload(name, accept)
+        choice(
+            f"{label} ({', '.join(suffixes)})", name, items, clearable=True,
+            update_menu=upper.list_files,
+        )  # fmt: skip
+        upload(name, ",".join(suffixes))
 
 
 def _cells() -> None:

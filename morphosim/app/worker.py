@@ -94,8 +94,8 @@ class Watcher:
 
     def start(self, simulation: Simulation) -> None:
         """Tell the page what begins, and show it as the save says that has just been made."""
-        facts = {"time": simulation.time, "until": simulation.scene.duration}
-        self._channel.tell("began", facts | {"staged": bool(simulation.scene.stages)})
+        self._until = simulation.scene.end
+        self._channel.tell("began", {"until": self._until})
         self._channel.tell("load", opening(self._directory, TRIANGLES, [simulation.time]))
         self._shown = simulation.engine.steps
         self._clock = Clock(simulation.time)
@@ -151,14 +151,20 @@ class Watcher:
         self._cost = self._pictured - begin
 
     def _progress(self, simulation: Simulation) -> dict[str, Any]:
-        scene = simulation.scene
-        left = (scene.duration - simulation.time) * self._clock.per_time
+        left, share = None, 1.0
+        if self._until is None:
+            share = simulation.stages_ended / len(simulation.scene.stages)
+        elif self._until > 0:
+            share = simulation.time / self._until
+            if self._clock.steps:
+                left = (self._until - simulation.time) * self._clock.per_time
         return {
             "time": simulation.time,
+            "share": share,
             "cells": len(simulation.cells),
             "stage": simulation.stage,
             "steps_per_second": self._clock.steps_per_second,
-            "seconds_left": None if scene.stages or not self._clock.steps else left,
+            "seconds_left": left,
         }
 
 

@@ -20,6 +20,9 @@ def application(
     open_browser: Annotated[
         bool, typer.Option("--open/--no-open", help="open it in the browser")
     ] = True,
+    token: Annotated[
+        bool, typer.Option("--token", help="ask for a token in any case; for shared machines")
+    ] = False,
 ) -> None:
     """Simulate and look at runs in the browser."""
     try:
@@ -28,4 +31,7 @@ def application(
         message = f"the application needs {error.name}; try: pip install 'morphosim[app]'"
         raise ImportError(message) from error
 
-    serve(folder, host, port, lambda address: typer.echo(f"MorphoSim: {address}"), open_browser)
+    def tell(address: str) -> None:
+        typer.echo(f"MorphoSim: {address}")
+
+    serve(folder, host, port, tell, open_browser, token)

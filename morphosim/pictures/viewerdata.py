@@ -132,7 +132,7 @@ def _saves(run: "xr.Dataset", times: int | Iterable[float] | None) -> list[int]:
     count = save_count(run)
     if times is None:
         return list(range(count))
-    if np.ndim(times) == 0:
+    if not isinstance(times, Iterable):
         number = min(_validate.integer("times", times, least=1), count)
         # one time alone is the last
         return [round(save) for save in np.linspace(count - 1, 0, number)[::-1].tolist()]

@@ -19,7 +19,7 @@ from morphosim.segmentation.labelfile import read_labels
 from morphosim.segmentation.labelimage import LabelImage, Piece, SegmentationWarning, pieces_of
 from morphosim.segmentation.labelshapes import resampled, walls_around
 from morphosim.shapes import Mask
-from morphosim.stability import least_S
+from morphosim.stability import stabilised
 
 VOLUMES = ("surface", "voxels")
 LEAST_SMOOTHING = 2.0
@@ -127,12 +127,7 @@ def import_labels(
         confinement=_confinement(confinement, picture, physics, lattice),
         name=_name(image) if name is None else name,
     )
-    return _stabilised(scene) if numerics is None and confinement == "image" else scene
-
-
-def _stabilised(scene: Scene) -> Scene:
-    """Copy of the scene with an S that its walls, which are stepped, need."""
-    return scene.with_numerics(S=max(scene.numerics.S, float(math.ceil(least_S(scene)))))
+    return stabilised(scene) if numerics is None else scene
 
 
 def _cells(

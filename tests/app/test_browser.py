@@ -1,6 +1,7 @@
 """The application in a real browser: import, change, run, look, export."""
 
 import contextlib
+import socket
 import subprocess
 import sys
 import urllib.error
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -141,6 +143,16 @@ def test_import_run_look_and_export(tmp_path: Path) -> None:
         slider.focus()
         slider.press("ArrowLeft")
         wait(page, "state.run_index === 3")
+        other = browser.new_page()  # sees the same time, and follows
+        other.goto(address)
+        shown = other.frame_locator("#run-viewer").locator("#when")
+        shown.filter(has_text="t = 30 ·").wait_for()
+        slider.press("ArrowLeft")
+        shown.filter(has_text="t = 20 ·").wait_for()
+        slider.press("ArrowRight")
+        shown.filter(has_text="t = 30 ·").wait_for()
+        wait(page, "state.run_index === 3")
+        other.close()
         box = viewer.locator("canvas").first.bounding_box()
         viewer.locator("canvas").first.click(
             position={"x": box["width"] / 2, "y": box["height"] / 2}
@@ -200,9 +212,12 @@ def test_pause_stop_and_resume(tmp_path: Path) -> None:
 def test_beyond_this_machine_a_token_is_needed(tmp_path: Path) -> None:
     with served(tmp_path, "--host", "0.0.0.0") as address:
         assert "?token=" in address
-        local = address.replace("0.0.0.0", "127.0.0.1")
+        named = urlsplit(address)
+        assert named.hostname == socket.gethostname().lower()
+        local = f"http://127.0.0.1:{named.port}/?{named.query}"
         with urllib.request.urlopen(local, timeout=30) as answer:
             assert answer.status == 200
+            assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'self'"
         for path in ("", "viewer", "files/x", "ws"):
             with pytest.raises(urllib.error.HTTPError, match="403"):
                 urllib.request.urlopen(local.split("?")[0] + path, timeout=30)

@@ -1,15 +1,20 @@
 """The application without a browser: who may ask, what it may touch, what the form says."""
 
+import asyncio
+import threading
 from pathlib import Path
 from queue import Queue
+from typing import Any
 
 import numpy as np
 import pytest
 
-from morphosim import built_in_scene
-from morphosim.app import worker
+from morphosim import Cell, RunWriter, Scene, Simulation, Sphere, built_in_scene
+from morphosim.app import charts, store, worker
 from morphosim.app.access import Access, is_loopback
+from morphosim.app.lower import STATE, Lower
 from morphosim.app.processes import Child
+from morphosim.app.routes import Streams
 from morphosim.app.settings import Settings, Source, facts
 from morphosim.app.store import Store
 
@@ -34,6 +39,8 @@ def test_what_is_this_machine(host: str, expected: bool) -> None:
         (LOCAL, ""),
         (LOCAL | {"Origin": "http://127.0.0.1:8080"}, ""),
         (LOCAL | {"Origin": "http://evil.example"}, "another site"),
+        (LOCAL | {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "iframe"}, "another site"),
+        (LOCAL | {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"}, ""),
         ({"Host": "evil.example:8080"}, "is not this machine"),
         ({}, "is not this machine"),
     ],
@@ -53,6 +60,7 @@ def test_a_token_is_asked_for_beyond_this_machine() -> None:
     assert access.refusal(outside, {"token": access.token}, None) == ""
     assert access.refusal(outside, {}, access.token) == ""
     assert Access.of_host("0.0.0.0").token != access.token
+    assert Access.of_host("127.0.0.1", always=True).token != ""
 
 
 @pytest.mark.parametrize("name", ["../out", "/etc/passwd", "a/../../out", ".", "", "link/file"])
@@ -93,6 +101,75 @@ def test_names_of_runs_and_files(tmp_path: Path) -> None:
     assert name == "imports/up.mat"
     with pytest.raises(ValueError, match="ending that is not known"), store.receiving("x.exe"):
         pass
+
+
+def test_runs_that_would_not_be_listed_are_refused(tmp_path: Path) -> None:
+    for name in ("a/b/c/d/e", "runs/.hidden/a"):
+        with pytest.raises(ValueError, match="would not be listed"):
+            Store(tmp_path).new_run(name)
+    deep = Store(tmp_path).new_run("a/b/c/d")
+    deep.mkdir(parents=True)
+    (deep / "save-000000.nc").touch()
+    assert Store(tmp_path).runs() == ["a/b/c/d"]
+
+
+def test_many_files_hide_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "MOST_FOLDERS", 4)
+    for folder, count in (("export", 50), ("run", 3)):
+        (tmp_path / folder).mkdir()
+        for k in range(count):
+            (tmp_path / folder / f"save-{k:06d}.nc").touch()
+    assert set(Store(tmp_path).runs()) == {"export", "run"}
+
+
+class State(dict[str, Any]):
+    """The page's state without a page."""
+
+    __getattr__ = dict.__getitem__
+    __setattr__ = dict.__setitem__  # type: ignore[assignment]
+
+    def __enter__(self) -> "State":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nobody is told."""
+
+
+def test_what_is_chosen_last_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = tmp_path / "run"
+    balls = {"a": Sphere(center=(0, 0, 0), radius=3), "b": Sphere(center=(9, 0, 0), radius=3)}
+    cells = [Cell(name=name, shape=ball) for name, ball in balls.items()]
+    Simulation(Scene(cells=cells)).run(until=0, observers=[RunWriter(run, 1)])
+    drawn: list[str] = []
+
+    def history(run: object, cell: str) -> str:
+        drawn.append(cell)
+        return f"history of {cell}"
+
+    monkeypatch.setattr(charts, "history", history)
+    monkeypatch.setattr(charts, "contact_matrix", lambda run, save: f"save {save}")
+    state = State(STATE)
+    lower = Lower(state, Store(tmp_path), Streams())
+
+    async def choose(*cells: str) -> None:
+        """Choose one after the other, while the thread that reads is busy."""
+        busy = threading.Event()
+        lower._reader.submit(busy.wait)
+        chosen = asyncio.gather(*(lower.viewer_said("picked", cell) for cell in cells))
+        await asyncio.sleep(0.01)
+        busy.set()
+        await chosen
+
+    lower._take(run)
+    lower._show_facts("run")
+    asyncio.run(choose("a", "b"))
+    assert (state.run_cell, state.history, state.matrix) == ("b", "history of b", "save 0")
+    assert {row["name"] for row in state.figures} > {"volume"}
+    assert drawn == ["b"]
+    asyncio.run(choose("a"))
+    assert state.history == "history of a"
+    assert state.can_resume
+    lower.close()
 
 
 def form(**changes: object) -> Settings:

@@ -1,6 +1,7 @@
 """What runs for the page, and what it shows of runs, without a browser."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from morphosim.app.settings import Settings, Source, facts
 from morphosim.app.store import Store
 from morphosim.app.upper import progress_text
 from morphosim.pictures.matrix import contact_matrix
+from morphosim.stability import concerns
 
 pytest.importorskip("pyvista", reason="PyVista is not installed")
 
@@ -74,6 +76,16 @@ def test_a_label_image_with_a_table(folder: Path, form: Settings) -> None:
         short.read(Store(folder))
 
 
+def test_a_preset_keeps_the_stabilisation_that_an_image_needs(folder: Path, form: Settings) -> None:
+    store = Store(folder)
+    own = replace(form, shell=True).scene(store)
+    for preset in ("fast", "standard"):
+        chosen = replace(form, shell=True, preset=preset).scene(store)
+        assert chosen.numerics.S == own.numerics.S > 12
+        assert concerns(chosen) == []
+    assert replace(form, preset="fast").scene(store).numerics.S == 6  # in open space
+
+
 def test_a_run_that_is_stopped_goes_on_to_the_same_end(folder: Path, form: Settings) -> None:
     store = Store(folder)
     channel = Commands("", worker.PAUSE, worker.GO_ON, "", "stop")
@@ -87,7 +99,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_end(folder: Path, form: Setti
 
     again = Commands()
     worker.resume(again, "runs/pair", store)  # type: ignore[arg-type]
-    assert again.told[0] == ("began", {"time": 8, "until": 40, "staged": False})
+    assert again.told[0] == ("began", {"until": 40})
     whole = Simulation(form.scene(store))
     whole.run(observers=[RunWriter(folder / "whole", 10)])
     with open_run(store.run("runs/pair")) as run:
@@ -142,4 +154,4 @@ def test_progress_in_one_line() -> None:
     text = progress_text(found, 100.0)
     assert text == "t = 20 of 100 · 8 cells · 41.2 steps per second · about 3 min left"
     staged = found | {"stage": "2 cells", "seconds_left": None}
-    assert progress_text(staged, 1e6) == "t = 20 · stage 2 cells · 8 cells · 41.2 steps per second"
+    assert progress_text(staged, None) == "t = 20 · stage 2 cells · 8 cells · 41.2 steps per second"

@@ -8,6 +8,7 @@
   const shown = { live: null, run: null };
   const busy = { live: false, run: false };
   const ready = { live: false, run: false };
+  const said = []; // times that the run's viewer here has told, and the state has not taken over
 
   const frame = (id) => document.getElementById(`${id}-viewer`);
 
@@ -48,6 +49,7 @@
   function open(id, data) {
     post(id, { morphosim: "load", data });
     if (id !== "run") return;
+    said.length = 0;
     const state = window.trame.state.state;
     if (state.run_index >= 0) post(id, { morphosim: "time", index: state.run_index });
     if (state.run_cell) post(id, { morphosim: "select", cell: state.run_cell });
@@ -61,8 +63,10 @@
       ready[id] = true;
       shown[id] = null;
       follow(id);
-    } else if (kind === "picked" || kind === "time") {
-      window.trame.trigger("viewer_said", [id, kind, event.data[kind === "picked" ? "cell" : "index"]]);
+    } else if (kind === "picked" || kind === "shown") {
+      const value = event.data[kind === "picked" ? "cell" : "index"];
+      if (id === "run" && kind === "shown") said.push(value);
+      window.trame.trigger("viewer_said", [id, kind, value]);
     }
   });
 
@@ -76,6 +80,11 @@
       });
     }
     state.watch(["run_cell"], (cell) => post("run", { morphosim: "select", cell: cell || null }));
+    state.watch(["run_index"], (index) => {
+      const mine = said.indexOf(index);
+      if (mine < 0) post("run", { morphosim: "time", index });
+      else said.splice(0, mine + 1);
+    });
   }
   watch();
 
