@@ -429,6 +429,17 @@ def test_nothing_is_wider_than_a_phone(browser: "Browser", file: Path) -> None:
     tab.close()
 
 
+@pytest.mark.parametrize(
+    "tab", [PHONE, PHONE | {"viewport": {"width": 640, "height": 360}}], indirect=True
+)
+def test_cells_fit_beside_the_panel_of_a_phone(tab: "Tab") -> None:
+    tab.click("#panel-button")
+    assert names_shown(tab) == {"low", "high", "new"}
+    canvas = tab.locator("#canvas").bounding_box()
+    assert canvas is not None
+    assert min(canvas["width"], canvas["height"]) > 150
+
+
 def unpacked(text: str) -> list[tuple[NDArray, NDArray]]:
     """Corners in µm and volume of packed meshes, read as the page does it: positions, faces."""
     raw = gzip.decompress(base64.b64decode(text))
