@@ -40,8 +40,8 @@ def line(run: xr.Dataset, name: str, index: int) -> dict[str, Any]:
     kinds = [str(kind) for kind in save["type"].values if kind]
     return {
         "run": name,
-        "seed": run.attrs["seed"],
-        "h": run.attrs["spacing_um"],
+        "seed": int(run.attrs["seed"]),
+        "h": float(run.attrs["spacing_um"]),
         "time": float(save["time"]),
         "cells": " ".join(f"{kinds.count(k)} {k}" for k in "RGB" if k in kinds),
         "like contacts": like_contacts(run, index),
