@@ -8,7 +8,8 @@
   const shown = { live: null, run: null };
   const busy = { live: false, run: false };
   const ready = { live: false, run: false };
-  const said = []; // times that the run's viewer here has told, and the state has not taken over
+  const STILL = 1000; // ms without a move of its own, after which the run's viewer follows others
+  let [at, moved] = [-1, 0]; // what time it shows, and when it has last told so
 
   const frame = (id) => document.getElementById(`${id}-viewer`);
 
@@ -49,10 +50,18 @@
   function open(id, data) {
     post(id, { morphosim: "load", data });
     if (id !== "run") return;
-    said.length = 0;
     const state = window.trame.state.state;
-    if (state.run_index >= 0) post(id, { morphosim: "time", index: state.run_index });
+    [at, moved] = [-1, 0];
+    agree();
     if (state.run_cell) post(id, { morphosim: "select", cell: state.run_cell });
+  }
+
+  // Show the time that the state says, which may be the choice of another window.
+  function agree() {
+    const still = performance.now() - moved;
+    const index = window.trame.state.state.run_index;
+    if (still < STILL) setTimeout(agree, STILL - still);
+    else if (index >= 0 && index !== at) post("run", { morphosim: "time", index: (at = index) });
   }
 
   window.addEventListener("message", (event) => {
@@ -65,7 +74,7 @@
       follow(id);
     } else if (kind === "picked" || kind === "shown") {
       const value = event.data[kind === "picked" ? "cell" : "index"];
-      if (id === "run" && kind === "shown") said.push(value);
+      if (id === "run" && kind === "shown") [at, moved] = [value, performance.now()];
       window.trame.trigger("viewer_said", [id, kind, value]);
     }
   });
@@ -80,11 +89,7 @@
       });
     }
     state.watch(["run_cell"], (cell) => post("run", { morphosim: "select", cell: cell || null }));
-    state.watch(["run_index"], (index) => {
-      const mine = said.indexOf(index);
-      if (mine < 0) post("run", { morphosim: "time", index });
-      else said.splice(0, mine + 1);
-    });
+    state.watch(["run_index"], agree);
   }
   watch();
 
