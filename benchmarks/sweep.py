@@ -1,9 +1,9 @@
 """A scan that is killed (SIGKILL, with all its processes) and gone on with; how busy cores are.
 
-Run as `python benchmarks/sweep.py [--kills 2]`: 48 members of two cells, γ by σ by δt. The share of
-ideal is the sum of the members' own seconds over (cores × wall time), for a scan that is not
-killed; `start` is what a scan takes that has nothing to do but start its processes and write its
-Dataset. `--fresh` gives the scan an empty cache of compiled kernels.
+Run as `python benchmarks/sweep.py [--kills 2]`: 48 members of eight cells, γ by σ by δt. The share
+of ideal is the sum of the members' own seconds over (cores × wall time), for a scan that is not
+killed; `start` is what a call takes that has nothing left to do but make the Dataset. `--fresh`
+gives the scan an empty cache of compiled kernels.
 """
 
 import os

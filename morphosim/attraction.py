@@ -1,7 +1,7 @@
 """Attraction σ between cells: one value, by type, of sisters, or by pair (Eq. 4 of the paper)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 
 import numpy as np
@@ -128,6 +128,12 @@ class Attraction:
             sigma[j, i] = value
         np.fill_diagonal(sigma, 0.0)
         return sigma
+
+    def among(self, names: Sequence[str], types: Collection[str]) -> "Attraction":
+        """Copy that says nothing of other cells and types than these."""
+        kept_types = {pair: v for pair, v in self.types.items() if {*pair} <= {*types}}
+        kept_pairs = {pair: v for pair, v in self.pairs.items() if {*pair} <= {*names}}
+        return replace(self, types=kept_types, pairs=kept_pairs)
 
     def check_names(self, names: Sequence[str], types: Sequence[str]) -> None:
         """Raise ValueError if a pair names a cell or a type that does not exist."""

@@ -10,6 +10,7 @@ from morphosim.kernels.boxes import (
     BAD,
     FACE,
     N_SURVEYED,
+    TOTAL,
     clear_outside,
     extents,
     move_box,
@@ -125,7 +126,10 @@ class BoxPool:
 
     def add(self, fields: Iterable[tuple[Integers, Real]]) -> None:
         """Append cells given by lattice origin and field; their boxes are laid around the band."""
-        laid = [self._trim(origin, phi) for origin, phi in fields]
+        given, laid = [], []
+        for origin, phi in fields:
+            given.append(float(phi.sum(dtype=float)))
+            laid.append(self._trim(origin, phi))
         first = len(self)
         shapes = np.array([phi.shape for _, phi in laid], np.int64).reshape(-1, 3)
         self.origin = np.concatenate([self.origin, np.array([o for o, _ in laid]).reshape(-1, 3)])
@@ -142,6 +146,7 @@ class BoxPool:
             if self.history is not None:
                 self.box(i, self.history)[:] = 0
             self.survey(i)
+        self.lost[first:] = given - self.surveys[first:, TOTAL]
 
     def contents(self, cells: Integers | None = None) -> dict[str, NDArray]:
         """All that `restore` needs, box after box in the order of the cells, or of those given."""
@@ -221,6 +226,8 @@ class BoxPool:
     def _trim(self, origin: Integers, phi: Real) -> tuple[Integers, Real]:
         """Cut a start field down to its band, or pad it, and make its shape even."""
         band = np.argwhere(np.abs(phi) > self.limits.tolerance)
+        if not len(band):  # a cell that has vanished
+            band = np.array([np.array(phi.shape) // 2])
         low = band.min(axis=0) - GUARD
         shape = even(band.max(axis=0) + 1 + GUARD - low)
         target = np.zeros(shape, self.dtype)

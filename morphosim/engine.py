@@ -114,6 +114,7 @@ class Engine:
         self._band_only = numerics.solver == "band" or numerics.scheme == "euler"
         self.pool = self._make_pool()
         self.pool.add(fields)
+        self.pool.lost[:] = 0  # what is cut from start fields is no loss of the run
         self.face_peak = self.pool.surveys[:, EDGE].copy()
         self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._cosines = CosineTables(
@@ -151,12 +152,12 @@ class Engine:
 
     @property
     def lost_volume(self) -> NDArray[np.float64]:
-        """Certificate: ∫ φ that moving boxes and bands has cut off each cell so far, µm³."""
+        """Certificate: ∫ φ that boxes and bands have cut off each cell since the start, µm³."""
         return np.asarray(self.pool.lost * self.numerics.spacing**3)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all arrays that grow with the cells."""
+        """Bytes of all arrays that grow with the cells, but for short lists of columns."""
         columns = self._cover.nbytes if self._coupled else 0
         extra = sum(a.nbytes for a in (self._pair_potential, self._rhs) if a is not None)
         return self.pool.nbytes + columns + extra + self._work.nbytes
@@ -225,8 +226,6 @@ class Engine:
         mother, gamma, frozen = self.names[i], self.gamma[i], self.frozen[i]
         self._drop(i)
         self.pool.add((half.origin, half.phi) for half in halves)
-        kept = self.pool.surveys[-2:, TOTAL]
-        self.pool.lost[-2:] = [half.phi.sum(dtype=float) for half in halves] - kept
         self.names += names
         self.types += types
         self.parents += [mother, mother]
@@ -241,9 +240,13 @@ class Engine:
         self, physics: Physics, types: Sequence[str], gamma: NDArray[np.float64],
         frozen: NDArray[np.bool_],
     ) -> None:  # fmt: skip
-        """Take other parameters; they hold from the next `restart` or `restore` on."""
+        """Take other parameters; they hold from `refresh`, `restart` or `restore` on."""
         self.physics, self.types = physics, list(types)
         self.gamma, self.frozen = np.asarray(gamma, float), np.asarray(frozen, bool)
+
+    def refresh(self) -> None:
+        """Let hold what `describe` has said; the cells keep their history."""
+        self._relist()
 
     def restart(self) -> None:
         """Forget the history: the next step is of first order (Eq. 8)."""

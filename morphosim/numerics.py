@@ -61,7 +61,7 @@ class Numerics:
         Largest |φ| allowed on the faces of a cell's box. The band, where gradients are evaluated
         and neighbours are felt, is where |φ| exceeds it.
     precision : {"single", "double"}
-        Type of the fields. Volumes are summed in double precision.
+        Type of the fields, and of sums along a row of a box; rows are summed in double.
     transform : {"matrix", "pyfftw", "scipy"}
         Cosine transform of the "dct" solver: dense matrices through BLAS, FFTW or SciPy.
     threads : int

@@ -1,7 +1,7 @@
 """Physical parameters of a scene (paper §2, Supplementary Note 2)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from morphosim import _validate
 from morphosim.attraction import Attraction
@@ -14,7 +14,7 @@ _DEFAULT_M = {"relative": 8.0, "absolute": 0.0016, "none": 0.0}
 class Physics:
     """What acts on the cells. Lengths in µm, time *in silico* (paper §2.1).
 
-    A term whose strength is zero is absent: it costs neither time nor memory.
+    A term that a scene does not have is absent: it costs neither time nor memory.
 
     Attributes
     ----------
@@ -87,6 +87,11 @@ class Physics:
         """Raise ValueError if `kappa_by_type` names a type that is not one of these."""
         for kind in self.kappa_by_type:
             _validate.choice("type in physics.kappa_by_type", kind, types)
+
+    def among(self, names: Sequence[str], types: Collection[str]) -> "Physics":
+        """Copy that says nothing of other cells and types than these."""
+        kappa = {kind: value for kind, value in self.kappa_by_type.items() if kind in types}
+        return replace(self, sigma=self.attraction.among(names, types), kappa_by_type=kappa)
 
     def motility(self, kind: str) -> float:
         """κ of cells of a type."""

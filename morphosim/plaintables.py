@@ -10,7 +10,7 @@ from morphosim import _validate
 from morphosim.attraction import Attraction
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
-from morphosim.scene import Cell, Scene, VolumeCourse
+from morphosim.scene import Cell, VolumeCourse
 
 
 def build(cls: type, table: Mapping[str, Any], where: str) -> Any:
@@ -97,9 +97,21 @@ def physics_values(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def physics_said(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Table of those values of `Physics`."""
-    table = physics_table(Physics(**values))
-    return {key: table[key] for key in values if key in table}
+    """Table of those values of `Physics`.
+
+    Raises
+    ------
+    ValueError
+        M = None without the volume constraint whose default it means.
+    """
+    physics = Physics(**values)
+    table = {"kappa_by_type": {}} | physics_table(physics)
+    if "M" in values and physics.M is None:
+        if "volume_constraint" not in values:
+            message = "M = None cannot be written without volume_constraint; give its number"
+            raise ValueError(message)
+        table["M"] = physics.volume_strength
+    return {key: table[key] for key in values}
 
 
 def cell_of(row: Mapping[str, Any], shape: Any) -> Cell:
@@ -131,13 +143,6 @@ def cell_values(cell: Cell) -> dict[str, Any]:
     else:
         table["volume"] = cell.target_volume(0.0)
     return table
-
-
-def settings(scene: Scene) -> dict[str, Any]:
-    """What must stay the same for a run to go on as if it had never stopped."""
-    numerics = numerics_table(scene.numerics)
-    del numerics["threads"]
-    return {"physics": physics_table(scene.physics), "numerics": numerics}
 
 
 def plain(value: Any) -> Any:

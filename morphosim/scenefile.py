@@ -4,15 +4,18 @@ Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.
 """
 
 import importlib
+import json
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from morphosim import _validate
-from morphosim._files import replacing, toml_table
+from morphosim._files import guarded, replacing, toml_table
 from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
 from morphosim.plaintables import (
     build,
@@ -141,14 +144,15 @@ def _array(value: Any, folder: Path, where: str) -> Any:
     if not path.exists():
         message = f"{where} = {value!r}: {path} does not exist"
         raise FileNotFoundError(message)
-    try:
-        arrays = np.load(path, allow_pickle=False)
-    except (ValueError, OSError) as error:
-        message = f"{where} = {value!r}: {path} is not an .npz file ({error})"
-        raise ValueError(message) from error
-    with arrays:
-        _validate.choice(f"{where}: array in {name}", key, arrays.files)
-        return arrays[key]
+    known, array = guarded(path, lambda: _entry(path, key))
+    _validate.choice(f"{where}: array in {name}", key, known)
+    return array
+
+
+def _entry(path: Path, key: str) -> tuple[list[str], Any]:
+    """Names in an .npz file, and the array of one of them if it is there."""
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        return file.files, file[key] if key in file.files else None
 
 
 def _function(value: str, where: str) -> Callable[..., Any]:
@@ -229,7 +233,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     Raises
     ------
     ValueError
-        The scene holds a function (volume or confinement) that a file cannot say.
+        The scene holds a function (volume or confinement), or an object of another class, that a
+        file cannot say.
     """
     import tomli_w
 
@@ -256,6 +261,33 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         partial.write_text(tomli_w.dumps(plain(table)), encoding="utf-8")
 
 
+def settings(scene: Scene) -> dict[str, Any]:
+    """What must stay the same for a run to go on as if it had never stopped.
+
+    Walls and stages are digests of what a file says of them; what no file can say is left out.
+    """
+    numerics = numerics_table(scene.numerics)
+    del numerics["threads"]
+    said: dict[str, Any] = {"on_vanish": scene.on_vanish}
+    with suppress(ValueError):
+        arrays: dict[str, np.ndarray] = {}
+        walls = scene.confinement
+        table = walls and _typed_table(walls, CONFINEMENTS, arrays, "", "confinement")
+        said["confinement"] = _digest(table, *arrays.values())
+    for k, stage in enumerate(scene.stages):
+        with suppress(ValueError):
+            said[f"stages[{k}]"] = _digest(stage_table(stage, physics_said))
+    return {"physics": physics_table(scene.physics), "numerics": numerics, "scene": said}
+
+
+def _digest(table: Any, *arrays: np.ndarray) -> str:
+    """Text that is another one if any value is."""
+    found = sha256(json.dumps(plain(table), sort_keys=True).encode())
+    for array in arrays:
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()[:16]
+
+
 def _check_partitions(scene: Scene) -> None:
     """Raise ValueError if a partition has lost cells: a file would divide space anew."""
     shapes = [cell.shape for cell in scene.cells if isinstance(cell.shape, PowerCell)]
@@ -271,7 +303,10 @@ def _typed_table(
     item: Any, kinds: Mapping[str, type], arrays: dict[str, np.ndarray], archive: str, key: str
 ) -> dict[str, Any]:
     """Table of a shape or confinement; its array goes into `arrays` under `key`."""
-    kind = next(name for name, cls in kinds.items() if cls is type(item))
+    kind = next((name for name, cls in kinds.items() if cls is type(item)), "")
+    if not kind:
+        message = f"{item!r} cannot be written to a scene file; it can say {[*kinds]}"
+        raise ValueError(message)
     table: dict[str, Any] = {"kind": kind}
     for f in fields(item):
         value = getattr(item, f.name)

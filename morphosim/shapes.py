@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 
 class Shape(Protocol):
-    """A region of space that `initial.discretise` turns into a phase field."""
+    """A region of space that `initial.lattice_field` turns into a phase field."""
 
     @property
     def exact(self) -> bool:

@@ -19,10 +19,11 @@ from morphosim.initial import lattice_field
 from morphosim.interrupts import deferred_interrupts
 from morphosim.measure import centroids
 from morphosim.physics import Physics
-from morphosim.plaintables import cell_of, cell_values, physics_of, physics_table, settings
+from morphosim.plaintables import cell_of, cell_values, physics_of, physics_table
 from morphosim.protocol import Progress
 from morphosim.scene import Cell, Scene, VolumeCourse, tensions
-from morphosim.shapes import Field
+from morphosim.scenefile import settings
+from morphosim.shapes import Field, Sphere
 from morphosim.snapshot import Snapshot
 
 OUTSIDE_ALLOWED = 0.5
@@ -100,6 +101,7 @@ class Simulation:
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
     _progress: Progress = field(init=False)
+    _settings: dict[str, Any] = field(init=False)
 
     def __post_init__(self, state: Snapshot | None) -> None:
         scene = self.scene
@@ -107,6 +109,7 @@ class Simulation:
         physics = scene.physics if state is None else physics_of(state.physics, self.names)
         self.engine = self._make_engine(physics, state)
         self._progress = Progress(scene.stages)
+        self._settings = settings(scene)
         if state is not None:
             self._take_over(state)
             self._progress.restore(state)
@@ -170,7 +173,7 @@ class Simulation:
             fresh=self.engine.fresh,
             stage=self.stage,
             removed=tuple(self.removed),
-            settings=settings(self.scene),
+            settings=self._settings,
             arrays=arrays if progress is None else arrays | {"check": progress.centroids},
             progress=None if progress is None else progress.facts(),
             back=None if progress is None else progress.back,
@@ -178,7 +181,7 @@ class Simulation:
 
     def go_back(self, state: Snapshot) -> None:
         """Return to an earlier state of this simulation."""
-        self.cells = _alive(self.scene, state)
+        self.cells = _alive(self.scene, state, self.cells)
         physics = physics_of(state.physics, self.names)
         self.engine.names, self.engine.parents = self.names, [c.parent for c in self.cells]
         self.engine.describe(physics, *self._described(physics))
@@ -264,12 +267,13 @@ class Simulation:
         Raises
         ------
         ValueError
-            There is no such cell, or one of a daughter's name.
+            There is no such cell, or a cell has or had a daughter's name.
         """
         i = self._place(cell)
+        known = {*self.names, *(other.parent for other in self.cells)}
         for name in daughters:
-            if name in self.names and name != cell:
-                message = f"daughter {name!r} of {cell!r}: there is a cell of this name already"
+            if name in known:
+                message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
                 raise ValueError(message)
         mother, spacing = self.cells[i], self.scene.numerics.spacing
         scale = self.physics.interface_scale
@@ -277,16 +281,18 @@ class Simulation:
         target = mother.target_volume(self.time)
         shares = (fraction * target, (1 - fraction) * target) if volumes is None else volumes
         kinds = (mother.type, mother.type) if types is None else types
-        self.engine.divide(i, daughters, kinds, halves)
-        self._tell(f"division of {cell} into {daughters[0]} and {daughters[1]}")
-        self.cells[i : i + 1] = []
+        born = []
         for half, kind, share in zip(halves, kinds, shares, strict=True):
             shape = Field(phi=half.phi, origin=half.origin * spacing, spacing=spacing)
-            self.cells.append(
+            born.append(
                 replace(
                     mother, name=half.name, parent=cell, type=kind, volume=share, shape=shape
                 )
             )  # fmt: skip
+        self.engine.divide(i, daughters, kinds, halves)
+        self._tell(f"division of {cell} into {daughters[0]} and {daughters[1]}")
+        self.cells[i : i + 1] = []
+        self.cells += born
         self._set_targets()
 
     def remove(self, cells: Iterable[str]) -> None:
@@ -308,22 +314,25 @@ class Simulation:
     def change_cells(self, cells: Iterable[str], **values: Any) -> None:
         """Give cells other values of `Cell`: type, gamma, volume or frozen.
 
+        If a cell is frozen or thawed, the next step is of first order for all.
+
         Raises
         ------
         ValueError
             There is no such cell or value.
         """
         _validate.keys("change of cells", values, CHANGEABLE)
-        places = [self._place(name) for name in cells]
-        for i in places:
-            self.cells[i] = replace(self.cells[i], **values)
-        if places:
-            names = ", ".join(self.names[i] for i in places)
+        changed = {i: replace(self.cells[i], **values) for i in map(self._place, cells)}
+        changed = {i: cell for i, cell in changed.items() if _differs(cell, self.cells[i], values)}
+        if changed:
+            for i, cell in changed.items():
+                self.cells[i] = cell
+            names = ", ".join(self.names[i] for i in changed)
             self._tell(f"change of {', '.join(values)} of {names}")
-            self._apply_change(self.physics)
+            self._apply_change(self.physics, restart="frozen" in values)
 
     def change_physics(self, **values: Any) -> None:
-        """Give the physics other values, from the next step on.
+        """Give the physics other values, from the next step on, which is of first order.
 
         Raises
         ------
@@ -331,12 +340,17 @@ class Simulation:
             A value is not allowed.
         """
         _validate.keys("change of physics", values, _validate.names_of(Physics))
-        self._apply_change(replace(self.physics, **values))
-        self._tell(f"change of {', '.join(values)}")
+        physics = replace(self.physics, **values)
+        if physics != self.physics:
+            self._tell(f"change of {', '.join(values)}")
+            self._apply_change(physics, restart=True)
 
-    def _apply_change(self, physics: Physics) -> None:
+    def _apply_change(self, physics: Physics, restart: bool) -> None:
         self.engine.describe(physics, *self._described(physics))
-        self.engine.restart()
+        if restart:
+            self.engine.restart()
+        else:
+            self.engine.refresh()
         self._set_targets()
 
     def _described(self, physics: Physics) -> tuple[list[str], NDArray, NDArray]:
@@ -469,19 +483,26 @@ def _values(cell: Cell) -> dict[str, Any]:
     return cell_values(cell)
 
 
-def _alive(scene: Scene, state: Snapshot) -> list[Cell]:
-    """Cells of a snapshot, in its order."""
-    known = {cell.name: cell for cell in scene.cells}
+def _alive(scene: Scene, state: Snapshot, present: Sequence[Cell] = ()) -> list[Cell]:
+    """Cells of a snapshot, in its order; volume functions are those of `present`, or the scene."""
+    known = {c.name: c for c in (*scene.cells, *present) if callable(c.volume)}
     cells = []
     for row, (origin, phi) in zip(state.cells, _saved_fields(state), strict=True):
         name, spacing = row["name"], scene.numerics.spacing
-        if "volume" not in row:
+        shape: Field | Sphere = Sphere(center=origin * spacing, radius=spacing)
+        if (phi > 0.5).any():  # or else the cell has vanished
+            shape = Field(phi=phi, origin=origin * spacing, spacing=spacing)
+        if "volume" in row:
+            cells.append(cell_of(row, shape))
+        else:
             _validate.choice("cell of the snapshot, whose volume is a function,", name, known)
-            cells.append(known[name])
-            continue
-        shape = Field(phi=phi, origin=origin * spacing, spacing=spacing)
-        cells.append(cell_of(row, shape))
+            cells.append(replace(cell_of(row, shape), volume=known[name].volume))
     return cells
+
+
+def _differs(cell: Cell, before: Cell, values: Iterable[str]) -> bool:
+    """Whether one of these values is another than before."""
+    return any(getattr(cell, name) != getattr(before, name) for name in values)
 
 
 def _saved_fields(snapshot: Snapshot) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:

@@ -12,6 +12,7 @@ its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenva
 """
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
@@ -109,7 +110,7 @@ def _attraction(scene: Scene) -> str:
 
 def _noise(scene: Scene) -> str:
     physics, dt = scene.physics, scene.numerics.dt
-    kappa = max(map(physics.motility, scene.possible_types))
+    kappa = max(max(map(s.physics.motility, s.possible_types)) for s in _courses(scene))
     jump = kappa * dt**1.5 / physics.tau * physics.interface_scale
     if jump <= FARTHEST_JUMP:
         return ""
@@ -121,10 +122,23 @@ def _noise(scene: Scene) -> str:
 
 
 def explicit_rates(scene: Scene) -> dict[str, float]:
-    """What the scheme takes explicitly and at which rates; their sum is f."""
+    """What the scheme takes explicitly and at which rates; their sum is f.
+
+    Those of the stage where they are fastest.
+    """
+    return max(map(_rates, _courses(scene)), key=lambda rates: sum(rates.values()))
+
+
+def _courses(scene: Scene) -> list[Scene]:
+    """The scene, and the scene with the physics of each stage that changes more than σ."""
+    said = [stage.physics for stage in scene.stages if stage.physics.keys() - {"sigma"}]
+    return [scene, *(replace(scene, physics=replace(scene.physics, **more)) for more in said)]
+
+
+def _rates(scene: Scene) -> dict[str, float]:
     physics = scene.physics
     local = {"double well": 2 * max(_tensions(scene)) * physics.c}
-    if len(scene.cells) > 1 and physics.g > 0:
+    if len(scene.possible_names) > 1 and physics.g > 0:
         local["cells"] = physics.g
     if scene.confinement is not None and physics.g_e > 0:
         gamma = float(np.mean(scene.tensions))  # as the engine's walls

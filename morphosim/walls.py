@@ -3,7 +3,7 @@
 A hard wall is 0 or 1 from one lattice point to the next, so on the lattice its place is uncertain
 by half a spacing. `numerics.walls = "resolved"` replaces it by a wall that the lattice resolves and
 that repels alike. Behind a hard wall φ decays over ℓ = √(γ/g_e), so from inside φ appears to vanish
-at ℓ behind the wall. The resolved wall is logistic, g' / (1 + exp((z - s)/a)) with z > 0 behind the
+at ℓ behind the wall. The resolved wall is logistic, g' / (1 + exp((s - z)/a)) with z > 0 behind the
 hard wall. There the solution of γ φ'' = w φ is a hypergeometric function, and φ appears to vanish
 at s - a (2γ_E + ψ(ν) + ψ(1 + ν)), ν = a/ℓ', ℓ' = √(γ/g'), with Euler's constant γ_E and the
 digamma function ψ. The shift s equates the two. As ℓ' does not matter then, it is at least half a

@@ -58,7 +58,7 @@ def test_an_interruption_saves_and_says_so(call, monkeypatch: pytest.MonkeyPatch
     assert code == 130
     assert "interrupted at t = 6; saved" in err
     assert "saved in run" in out
-    assert "ends at t = 8: morphosim run --resume run" in call("info", "run")[1]
+    assert "is not at its end: morphosim run --resume run" in call("info", "run")[1]
     with open_run("run") as data:
         assert data["time"].values.tolist() == [0, 4, 6]
 

@@ -71,7 +71,8 @@ def test_noise_of_daughters_is_their_own() -> None:
     ("options", "error"),
     [
         ({"cell": "x"}, "cell = 'x' is not known"),
-        ({"daughters": ("n", "b")}, "daughter 'n' of 'm': there is a cell of this name"),
+        ({"daughters": ("m", "b")}, "daughter 'm' of 'm': a cell has or had this name"),
+        ({"daughters": ("n", "b")}, "daughter 'n' of 'm': a cell has or had this name"),
     ],
 )
 def test_divisions_that_cannot_be(options: dict, error: str) -> None:

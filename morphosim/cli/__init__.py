@@ -8,6 +8,7 @@ import typer
 
 from morphosim.cli import compute, data, imports, pictures, serve, sweep  # noqa: F401  (each adds its commands)
 from morphosim.cli.app import INPUT_ERROR, app
+from morphosim.errors import SimulationError
 
 
 def main() -> None:
@@ -17,6 +18,6 @@ def main() -> None:
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
     try:
         app()
-    except (ValueError, TypeError, OSError, ImportError) as error:
+    except (ValueError, TypeError, OSError, ImportError, SimulationError) as error:
         typer.echo(f"error: {error}", err=True)
         sys.exit(INPUT_ERROR)

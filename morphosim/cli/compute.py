@@ -47,7 +47,7 @@ def run(
     threads: Annotated[int | None, typer.Option(help="number of threads")] = None,
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", help="any value of the scene, as physics.gamma=0.3; repeatable"),
+        typer.Option("--set", help="a value of the scene, as physics.gamma=0.3; repeatable"),
     ] = None,
     from_: Annotated[
         Path | None, typer.Option("--from", help="start from the fields of this saved run")

@@ -22,10 +22,8 @@ def info(
         typer.echo(f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}")
         if data.attrs["error"]:
             typer.echo(f"ended by an error: {data.attrs['error']}")
-        elif times[-1] < data.attrs["duration"] - 1e-9:
-            typer.echo(
-                f"ends at t = {data.attrs['duration']:g}: morphosim run --resume {directory}"
-            )
+        elif not data.attrs.get("finished", times[-1] >= data.attrs["duration"] - 1e-9):
+            typer.echo(f"is not at its end: morphosim run --resume {directory}")
         typer.echo(f"{'cell':10} {'type':8} {'volume um3':>11}   centroid um")
         last = data.isel(time=-1)
         for k, name in enumerate(data["cell"].values):

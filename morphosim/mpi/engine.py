@@ -208,6 +208,10 @@ class DistributedEngine(Gatherer):
         self._roll.types = list(types)
         self._roll.gamma, self._roll.frozen = np.asarray(gamma, float), np.asarray(frozen, bool)
 
+    def refresh(self) -> None:
+        """See `Engine`."""
+        self._change()
+
     def restart(self) -> None:
         """See `Engine`."""
         self._change()

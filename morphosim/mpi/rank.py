@@ -10,7 +10,7 @@ from morphosim.boxes import BoxPool
 from morphosim.confinement import Confinement
 from morphosim.engine import Engine, Society
 from morphosim.fields import CellField
-from morphosim.kernels.boxes import EDGE, TOTAL
+from morphosim.kernels.boxes import EDGE
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 
@@ -194,8 +194,6 @@ class RankEngine(Engine):
         """Take in own cells, which come last and have these numbers and those that follow."""
         n = len(fields)
         self.pool.add((field.origin, field.phi) for field in fields)
-        kept = self.pool.surveys[-n:, TOTAL]
-        self.pool.lost[-n:] = [field.phi.sum(dtype=float) for field in fields] - kept
         self.rows = np.append(self.rows, np.arange(number, number + n))
         self.own = np.append(self.own, np.ones(n, bool))
         self.face_peak = np.append(self.face_peak, self.pool.surveys[-n:, EDGE])

@@ -1,6 +1,7 @@
 """A simulation over ranks: the same scene, the same steps, each rank with its share."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from typing import Any, cast, overload
 
 import numpy as np
@@ -162,8 +163,10 @@ class RootObserver:
         """See `Observer`."""
 
         def end() -> None:
-            while self._started:
-                self._started.pop().finish(simulation)
+            with ExitStack() as stack:  # calls all of them, even if one raises
+                for observer in self._started:
+                    stack.callback(observer.finish, simulation)
+                self._started = []
 
         on_root(simulation, end)
 

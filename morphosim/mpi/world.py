@@ -8,6 +8,8 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 T = TypeVar("T")
+AGREED = "agreed"
+"""Mark of an error that all ranks know of."""
 
 
 class StoppedError(RuntimeError):
@@ -36,6 +38,8 @@ def world() -> "Comm":
 def agreed(comm: "Comm", action: Callable[[], T]) -> T:
     """Result of an action that every rank takes, if it succeeds on all.
 
+    An action may have parts that are agreed on too; what has failed there is not asked again.
+
     Raises
     ------
     StoppedError
@@ -47,14 +51,16 @@ def agreed(comm: "Comm", action: Callable[[], T]) -> T:
     try:
         result = action()
     except Exception as raised:
+        if AGREED in raised.__dict__:
+            raise
         error = raised
     texts = comm.allgather(None if error is None else str(error))
-    if error is not None:
-        raise error
-    if any(text is not None for text in texts):
-        message = next(text for text in texts if text is not None)
-        raise StoppedError(message)
-    return result
+    failed = next((text for text in texts if text is not None), None)
+    if failed is None:
+        return result
+    error = error or StoppedError(failed)
+    error.__dict__[AGREED] = True
+    raise error
 
 
 def threads_per_rank(comm: "Comm") -> int:

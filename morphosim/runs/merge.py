@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.runs.lazy import Segment, chained
-from morphosim.runs.variables import ALL, LABELS, PHI_STEP
+from morphosim.runs.variables import ALL, CONTACT_LIST, CONTACT_MATRIX, LABELS, PHI_STEP
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,6 +21,9 @@ INDICES = {
     "contact_neighbour": "cell", "label_time": "time",
 }  # fmt: skip
 """What counts within a save and must count within the run."""
+MATRIX = "contact_area"
+MOST_IN_MATRIX = 1 << 27
+"""Numbers of a run's matrix of contacts (512 MB); beyond, contacts are a list."""
 Table = dict[str, NDArray[Any]]
 
 
@@ -30,8 +33,9 @@ class Save:
 
     Attributes
     ----------
-    table : variables of the root
-    groups : variables of the groups, without the lazy ones
+    table : variables of the root, without the matrix of contacts
+    groups : variables of the groups, without the lazy ones; contacts are a list in any case
+    matrix : whether contacts are a matrix in the file
     lengths : values of the lazy variables
     packed : whether the fields are whole multiples of `PHI_STEP`
     attributes : of the file
@@ -40,6 +44,7 @@ class Save:
     path: Path
     table: Table
     groups: Mapping[str, Table]
+    matrix: bool
     lengths: Mapping[str, int]
     packed: bool
     attributes: Mapping[str, Any]
@@ -51,10 +56,16 @@ class Save:
 
         with netCDF4.Dataset(path) as file:
             file.set_auto_mask(False)
+            table = _values(file)
+            groups = {name: _values(group) for name, group in file.groups.items()}
+            areas = table.pop(MATRIX, None)
+            if areas is not None:
+                groups["contacts"] = _list_of(areas[0])
             return cls(
                 path=path,
-                table=_values(file),
-                groups={name: _values(group) for name, group in file.groups.items()},
+                table=table,
+                groups=groups,
+                matrix=areas is not None,
                 lengths={
                     name: len(file[group][name]) for name, group in LAZY.items()
                     if group in file.groups
@@ -84,9 +95,11 @@ def merged(paths: Sequence[Path]) -> "xr.Dataset":
     table = {name: saves[0].table[name] for name in ("axis", "principal")}
     table |= {"cell": names, "neighbour": names}
     table |= _stacked(saves, columns, len(place))
-    if any("contacts" in save.groups for save in saves):
+    if all(save.matrix for save in saves) and len(saves) * len(place) ** 2 <= MOST_IN_MATRIX:
+        table |= {MATRIX: _matrix(saves, columns, len(place))}
+    else:
         del table["neighbour"]
-        table |= _listed_contacts(saves, columns, table.pop("contact_area", None))
+        table |= _pairs(saves, columns)
     for group in ("fields", "labels"):
         table |= _joined(saves, columns, group)
     variables = {name: _variable(name, value) for name, value in table.items()}
@@ -157,23 +170,37 @@ def _joined(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], group: 
     return {name: np.concatenate([p[name] for p in parts]) for name in (parts[0] if parts else ())}
 
 
-def _listed_contacts(
-    saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], areas: NDArray[Any] | None
-) -> Table:
-    """Contacts as a list of pairs, also those of saves that have a matrix."""
-    rows = _joined(saves, columns, "contacts")
-    if areas is None:
-        return rows
-    k, i, j = np.nonzero(np.triu(np.nan_to_num(areas)))
-    more = {
-        "contact_time": k, "contact_cell": i, "contact_neighbour": j,
-        "contact_pair_area": areas[k, i, j],
-    }  # fmt: skip
-    both = {
-        name: np.concatenate([more[name], rows[name]]).astype(rows[name].dtype) for name in rows
+def _list_of(areas: NDArray[Any]) -> Table:
+    """List of the pairs of one save that touch, from its matrix."""
+    i, j = np.nonzero(np.triu(areas))
+    values = (np.zeros(len(i)), i, j, areas[i, j])
+    return {
+        name: value.astype(CONTACT_LIST[name].kind)
+        for name, value in zip(CONTACT_LIST, values, strict=True)
     }
-    order = np.argsort(both["contact_time"], kind="stable")
-    return {name: value[order] for name, value in both.items()}
+
+
+def _pairs(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]]) -> Table:
+    """Contacts of all saves as a list of pairs, the cell that comes first in the run first."""
+    table = _joined(saves, columns, "contacts")
+    first, second = table["contact_cell"], table["contact_neighbour"]
+    pair = {
+        "contact_cell": np.minimum(first, second),
+        "contact_neighbour": np.maximum(first, second),
+    }
+    return table | pair
+
+
+def _matrix(
+    saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int
+) -> NDArray[Any]:
+    """Contact areas of all saves: 0 between cells that do not touch, NaN of those not there."""
+    areas = _absent((len(saves), count, count), np.dtype(CONTACT_MATRIX[MATRIX].kind))
+    for area, save, column in zip(areas, saves, columns, strict=True):
+        area[np.ix_(column, column)] = 0
+        _, i, j, values = (save.groups["contacts"][name] for name in CONTACT_LIST)
+        area[column[i], column[j]] = area[column[j], column[i]] = values
+    return areas
 
 
 def _chain(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], name: str) -> Any:

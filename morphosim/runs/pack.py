@@ -40,6 +40,9 @@ def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> N
     if target.exists():
         message = f"{target} exists; delete it, or give another name"
         raise FileExistsError(message)
+    if not target.parent.is_dir():
+        message = f"{target} cannot be written: there is no directory {target.parent}"
+        raise FileNotFoundError(message)
     with open_run(directory) as run, replacing(target) as partial:
         _write(run, partial, RunDirectory(Path(directory)), tell)
 

@@ -6,13 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from morphosim.fields import CellField
-from morphosim.plaintables import physics_of, settings
+from morphosim.plaintables import physics_of
 from morphosim.runs.fields import load_fields, time_index
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
-from morphosim.scene import Cell, Scene
-from morphosim.scenefile import load_scene
+from morphosim.scene import Cell, Scene, VolumeCourse
+from morphosim.scenefile import load_scene, settings
 from morphosim.shapes import Field
 from morphosim.snapshot import Snapshot
 
@@ -98,22 +100,41 @@ def branched_scene(directory: Path, scene: Scene | None, time: float | None) -> 
 
 
 def _scene_at(directory: Path, save: Any, fields: Sequence[CellField]) -> Scene:
-    """A run's own scene with the cells and physics of one save, and without its stages."""
+    """A run's own scene with the cells and physics of one save, and without its stages.
+
+    Surface tensions, and whether cells are frozen, are those of the scene's cells or of the
+    mothers among them; no save holds what events have made of them.
+    """
     scene = saved_scene(directory)
     known = {cell.name: cell for cell in scene.cells}
+    names = save["cell"].values.astype(str).tolist()
+    parents = dict(zip(names, save["parent"].values.astype(str).tolist(), strict=True))
     cells = []
     for field in fields:
-        row = save.sel(cell=field.name)
-        kind, parent = str(row["type"].item()), str(row["parent"].item())
-        born = field.name not in known
+        row, first = save.sel(cell=field.name), field.name
+        shape = Field(phi=field.phi, spacing=scene.numerics.spacing)
+        while first and first not in known:
+            first = parents.get(first, "")
+        like = known[first] if first else Cell(name=field.name, shape=shape)
+        target, given = float(row["target_volume"]), like.volume if first == field.name else None
         cells.append(
-            Cell(
-                name=field.name, type=kind, parent=parent, volume=float(row["target_volume"]),
-                shape=Field(phi=field.phi, spacing=scene.numerics.spacing),
-            ) if born else replace(known[field.name], type=kind)
+            replace(
+                like, name=field.name, type=str(row["type"].item()), parent=parents[field.name],
+                volume=_later(given, float(save["time"]), target), shape=shape,
+            )
         )  # fmt: skip
     physics = physics_of(_physics_at(directory, int(save["step"])), [])
-    return replace(scene, cells=cells, stages=(), physics=physics)
+    names, types = [cell.name for cell in cells], {cell.type for cell in cells}
+    return replace(scene, cells=cells, stages=(), physics=physics.among(names, types))
+
+
+def _later(volume: Any, time: float, target: float) -> Any:
+    """Target volume of a cell from a time on: its course if that led to `target`, or `target`."""
+    if not callable(volume) or not np.isclose(volume(time), target):
+        return target
+    if isinstance(volume, VolumeCourse):
+        return replace(volume, times=[t - time for t in volume.times])
+    return lambda t: volume(t + time)
 
 
 def _physics_at(directory: Path, step: int) -> dict[str, Any]:

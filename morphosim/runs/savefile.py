@@ -234,6 +234,8 @@ def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], ki
     options: dict[str, Any] = {}
     if np.prod(shape) > CHUNK // 8:
         chunks = [min(n, CHUNK) for n in shape]
+        if variable.dims[0] == "time":  # one time is what is read at once
+            chunks[0] = max(1, min(chunks[0], CHUNK // int(np.prod(shape[1:]))))
         options = {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
     attributes: dict[str, Any] = dict(variable.attributes)
     if name == "phi" and np.dtype(kind).kind == "i":

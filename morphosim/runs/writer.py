@@ -172,6 +172,7 @@ class RunWriter:
         try:
             save_scene(simulation.scene, self.files.scene)
         except ValueError as error:
+            self.files.scene.unlink(missing_ok=True)  # of another scene
             _log.warning("%s is not written: %s", self.files.scene, error)
         except OSError as error:
             raise self._error(simulation, error) from error

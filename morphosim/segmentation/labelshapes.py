@@ -71,7 +71,7 @@ def walls_around(image: LabelImage, step: float, clearance: float, closing: floa
     from scipy.ndimage import distance_transform_edt
 
     steps = image.steps
-    around = np.ceil((clearance + closing) / steps).astype(int) + 2
+    around = np.ceil((clearance + closing + 2 * step) / steps).astype(int) + 2  # room for `far`
     used = _box(image.labels > 0)
     padded = np.pad(image.labels[used] > 0, [(n, n) for n in around])
     origin = np.asarray(image.origin) + ([b.start for b in used] - around) * steps

@@ -15,6 +15,7 @@ VALUE = "{value}"
 """Stands for the axis' value in what an axis sets."""
 SAMPLINGS = ("sobol", "latin")
 SAMPLE, REPLICATE, SEED = "sample", "replicate", "numerics.seed"
+THREADS = "numerics.threads"
 Settings = dict[str, Any]
 """Values by dotted key, as `load_scene` takes them."""
 
@@ -233,6 +234,9 @@ def _axis(name: str, given: Any) -> Axis | Range:
 
 def _check_keys(sets: Mapping[str, Any], fixed: Settings, replicates: int) -> None:
     """Raise ValueError if a key is set twice, an axis sets nothing, or threads are an axis."""
+    if THREADS in fixed:
+        message = f"overrides set {THREADS}, which threads_per_member does"
+        raise ValueError(message)
     owner = dict.fromkeys(fixed, "overrides")
     if replicates > 1:
         owner[SEED] = "replicates"
@@ -242,7 +246,7 @@ def _check_keys(sets: Mapping[str, Any], fixed: Settings, replicates: int) -> No
             message = f"axis {name!r} sets {target!r}, in which {VALUE!r} does not occur"
             raise ValueError(message)
         for key in keys:
-            if key == "numerics.threads":
+            if key == THREADS:
                 message = f"axis {name!r}: {key} is no axis; threads_per_member sets it"
                 raise ValueError(message)
             if key in owner:

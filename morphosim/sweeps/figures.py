@@ -39,6 +39,11 @@ class Figure:
             return self.what
         return f"{self.what.__module__}:{getattr(self.what, '__qualname__', repr(self.what))}"
 
+    def check(self) -> None:
+        """Raise ImportError or ValueError if its function cannot be loaded in this process."""
+        if isinstance(self.what, str) and self.computed:
+            loaded(self.what)
+
     def of(self, run: "xr.Dataset") -> "xr.DataArray":
         """Its value for a run."""
         if self.computed:
@@ -78,13 +83,23 @@ def _as_array(name: str, value: Any) -> "xr.DataArray":
 
 
 def loaded(text: str) -> Function:
-    """Function named as "module:name"; ValueError if there is none."""
+    """Function named as "module:name".
+
+    Raises
+    ------
+    ImportError
+        The module cannot be imported here.
+    ValueError
+        It has no such function.
+    """
     module, _, name = text.partition(":")
+    message = f"figure {text!r} cannot be loaded as module:name "
     try:
         function = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        message = f"figure {text!r} cannot be loaded as module:name ({error})"
-        raise ValueError(message) from error
+    except ImportError as error:
+        raise ImportError(f"{message}({error})") from error
+    except (AttributeError, ValueError) as error:
+        raise ValueError(f"{message}({error})") from error
     if not callable(function):
         message = f"figure {text!r} is not a function of a run"
         raise ValueError(message)
@@ -96,6 +111,8 @@ def make_figures(given: Sequence[Any] | Mapping[str, Any]) -> list[Figure]:
 
     Raises
     ------
+    ImportError
+        The module of a function cannot be imported.
     ValueError
         A variable or function does not exist, or two figures have one name.
     TypeError
@@ -127,9 +144,8 @@ def _check(figure: Figure) -> None:
         _check_sendable(figure)
         return
     _validate.text(f"figure {figure.name!r}", figure.what)
-    if figure.computed:
-        loaded(figure.what)
-    else:
+    figure.check()
+    if not figure.computed:
         _validate.choice("figure", figure.what.removesuffix(OVER_TIME), VARIABLES)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphosim.errors import SimulationError
-from morphosim.library import find_scene
+from morphosim.library import built_in_scene
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
 from morphosim.runs.resume import saved_state
@@ -58,7 +58,7 @@ class Task:
     def scene_of(self, settings: Settings) -> Scene:
         """Scene with these settings."""
         if self.scene:
-            return find_scene(self.scene, settings)
+            return built_in_scene(self.scene, settings)
         return load_scene(Store(self.directory).scene, settings)
 
     def __call__(self, member: Member) -> str:
@@ -77,16 +77,31 @@ class Task:
             seconds = time.perf_counter() - begun
         if error is None or not isinstance(error, OF_THE_MACHINE):
             told = [str(w.message) for w in caught if w.category is StabilityWarning]
-            Store(self.directory).write(
-                member.number, table, error=_text(error), warning="; ".join(told), seconds=seconds
-            )
+            error = self._written(member, table, error, "; ".join(told), seconds)
             if not self.keep_runs:
                 shutil.rmtree(Store(self.directory).run(member.number), ignore_errors=True)
         return _text(error)
 
+    def _written(
+        self, member: Member, table: "xr.Dataset | None", error: Exception | None, warning: str,
+        seconds: float,
+    ) -> Exception | None:  # fmt: skip
+        """Store the result; figures that no file can hold are an error of the member."""
+        store, facts = Store(self.directory), {"warning": warning, "seconds": seconds}
+        try:
+            store.write(member.number, table, error=_text(error), **facts)
+        except OSError:
+            raise
+        except Exception as fault:
+            store.write(member.number, None, error=_text(fault), **facts)
+            return fault
+        return error
+
     def _tried(self, member: Member) -> "tuple[xr.Dataset | None, Exception | None]":
         folder = Store(self.directory).run(member.number)
         try:
+            for figure in self.figures:
+                figure.check()
             self._simulate(member, folder)
             return measured(folder, self.figures), None
         except Exception as error:  # whatever a member fails by is its result

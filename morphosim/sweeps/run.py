@@ -160,13 +160,22 @@ def _checked(
     **choices: Any,
 ) -> _Setup:
     """Plan whose every value a scene accepts; ValueError or TypeError names axis and value."""
-    random = isinstance(scene, str) and scene in RANDOM
+    random = isinstance(scene, str) and scene in RANDOM and not Path(scene).exists()
     base = scene if isinstance(scene, Scene) else find_scene(str(scene))
     seed = overrides.get(SEED, base.numerics.seed)
     fixed = dict(overrides)
     if choices["replicates"] > 1:
         fixed.pop(SEED, None)
     plan = make_plan(axes, seed=seed, fixed=fixed, **choices)
+    for name in (*axes, *(figure.name for figure in figures)):
+        if "/" in name:
+            message = f"name {name!r} has a '/', which no variable of a file may have"
+            raise ValueError(message)
+    for figure in figures:
+        if figure.name in RESERVED:
+            message = f"figure {figure.name!r}: the Dataset has a variable or dimension of this "
+            message += "name; give figures as a mapping from another name"
+            raise ValueError(message)
     taken = {*RESERVED, *(figure.name for figure in figures)}
     for name in axes:
         if name in taken:

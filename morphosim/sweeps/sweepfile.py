@@ -77,9 +77,12 @@ def _range(name: str, table: Mapping[str, Any]) -> Range:
 
 
 def _leaves(table: Mapping[str, Any], above: str = "") -> Any:
-    """Dotted key and value of everything in nested tables."""
+    """Dotted key and value of everything in nested tables.
+
+    A table of a quoted key that has dots, or one with a kind, is a value: it replaces the scene's.
+    """
     for key, value in table.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and "." not in key and "kind" not in value:
             yield from _leaves(value, f"{above}{key}.")
         else:
             yield above + key, value
