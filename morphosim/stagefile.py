@@ -101,7 +101,8 @@ def _said(item: Any, kinds: Mapping[str, type], stage: Stage) -> dict[str, Any]:
     """Table of an end or an event."""
     found = [name for name, kind in kinds.items() if type(item) is kind]
     values = {f.name: getattr(item, f.name) for f in fields(item)} if found else {}
-    if not found or any(map(callable, values.values())):
+    inner = [v for value in values.values() if isinstance(value, Mapping) for v in value.values()]
+    if not found or any(map(callable, (*values.values(), *inner))):
         message = f"stage {stage.name!r}: {item!r} cannot be written to a scene file"
         raise ValueError(message)
     return {"kind": found[0]} | {k: v for k, v in values.items() if v is not None}

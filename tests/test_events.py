@@ -154,6 +154,21 @@ def test_changes_act_as_if_the_scene_had_been_so() -> None:
     np.testing.assert_array_equal(changed.centroids, given.centroids)
 
 
+def test_a_change_of_cells_keeps_their_history() -> None:
+    changed, plain = (start(ball("a"), ball("b", 9.5), sigma=0.5) for _ in range(2))
+    for simulation in (changed, plain):
+        simulation.step(5)
+    changed.change_cells(["a"], type="x")  # which no force depends on
+    changed.change_cells(["b"], type="")  # as it was
+    changed.change_physics(sigma=Attraction(default=0.5))
+    assert [text for _, text in changed.events] == ["change of type of a"]
+    for simulation in (changed, plain):
+        simulation.step(5)
+    np.testing.assert_array_equal(changed.centroids, plain.centroids)
+    changed.change_cells(["a"], frozen=True)
+    assert changed.engine.fresh
+
+
 def test_changes_are_checked() -> None:
     with pytest.raises(ValueError, match="'size' is not known"):
         CellChange(cells=["a"], values={"size": 3})

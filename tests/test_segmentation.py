@@ -11,16 +11,20 @@ import tifffile
 import xarray as xr
 
 from morphosim.confinement import EllipsoidShell, MaskWalls
+from morphosim.events import Division
 from morphosim.labels import label_image
 from morphosim.numerics import Numerics
 from morphosim.physics import Physics
 from morphosim.relaxation import relaxed
-from morphosim.scene import Scene
+from morphosim.scene import Cell, Scene
 from morphosim.scenefile import load_scene, save_scene
 from morphosim.segmentation.labelfile import read_labels
 from morphosim.segmentation.labelimage import LabelImage, SegmentationWarning
+from morphosim.segmentation.labelshapes import walls_around
 from morphosim.segmentation.scene import import_labels
+from morphosim.shapes import Sphere
 from morphosim.simulation import Simulation
+from morphosim.stages import Duration, Stage
 
 LABELS = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
 """Axes x, y, z; every voxel differs."""
@@ -456,6 +460,22 @@ def test_walls_around_the_image() -> None:
     np.testing.assert_array_equal(walls.field(x, 0 * x, z), [0, 0, 1, 0, 1, 0, 1])
 
 
+@pytest.mark.parametrize("first", [0.3, 0.37, 0.05])
+@pytest.mark.parametrize("voxel", [0.1, 0.2, 0.5])
+def test_walls_before_flat_faces(voxel: float, first: float) -> None:
+    size = round(6 / voxel)
+    labels = np.ones((size, size, size), np.uint8)
+    image = LabelImage(labels=labels, spacing=voxel, origin=np.full(3, first))
+    walls = walls_around(image, 0.5, clearance=1.0, closing=0.5)
+    low, high = first - voxel / 2, first + 6 - voxel / 2  # outer faces of the labels
+    for axis in range(3):
+        along = walls.origin[axis] + 0.5 * np.flatnonzero(
+            walls.inside.any(axis=tuple(a for a in range(3) if a != axis))
+        )
+        assert low - 1.6 < along[0] < low - 0.4
+        assert high + 0.4 < along[-1] < high + 1.6
+
+
 def test_walls_come_with_stable_numerics() -> None:
     scene = import_labels(blocks(*TWO), confinement="image")
     assert scene.numerics == Numerics(S=14.0)
@@ -515,6 +535,17 @@ def test_a_relaxed_scene_starts_from_what_a_free_one_becomes() -> None:
     assert [cell.volume for cell in start.cells] == [cell.volume for cell in scene.cells]
     np.testing.assert_allclose(Simulation(start).centroids, free.centroids, atol=1e-3)
     assert min(overlaps(Simulation(start))) > 0.96
+
+
+def test_a_scene_is_relaxed_without_its_stages() -> None:
+    cells = [Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=4))]
+    division = Division(cell="a", daughters=("b", "c"), axis=(1, 0, 0))
+    stages = [Stage(name="s", end=Duration(4), events=[division], physics={"gamma": 0.5})]
+    plain, staged = Scene(cells=cells), Scene(cells=cells, stages=stages)
+    np.testing.assert_array_equal(
+        relaxed(staged).cells[0].shape.phi, relaxed(plain).cells[0].shape.phi
+    )
+    assert relaxed(staged).stages == staged.stages
 
 
 def test_frozen_neighbours_push_less_when_relaxed() -> None:

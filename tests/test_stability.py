@@ -22,6 +22,9 @@ from morphosim import (
     scene_names,
     stability,
 )
+from morphosim.events import Division
+from morphosim.stability import concerns, explicit_rates
+from morphosim.stages import Duration, Stage
 
 from .helpers import EXPECTED_TO_FAIL
 
@@ -99,6 +102,21 @@ def test_presets_with_resolved_walls_raise_no_concern() -> None:
             if scene.physics.kappa:  # as published, the noise grows with the step
                 numerics = replace(numerics, dt=min(numerics.dt, scene.numerics.dt))
             assert stability.concerns(replace(scene, numerics=numerics)) == []
+
+
+def test_all_stages_count() -> None:
+    division = Division(cell="a", daughters=("b", "c"), axis=(1, 0, 0))
+    ball = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=5))
+    alone = Scene(cells=[ball], physics=Physics(M=0.0))
+    divides = replace(alone, stages=[Stage(name="s", end=Duration(10), events=[division])])
+    assert "cells" in explicit_rates(divides)
+    assert "cells" not in explicit_rates(alone)
+    strong = Stage(name="t", end=Duration(10), physics={"M": 60.0, "kappa": 3.0})
+    told = concerns(replace(alone, stages=[strong]))
+    assert len(told) == 2
+    assert "volume constraint" in told[0]
+    assert "physics.kappa = 3" in told[1]
+    assert concerns(alone) == concerns(divides) == []
 
 
 def test_what_does_not_act_does_not_count() -> None:

@@ -213,6 +213,36 @@ def test_stages_in_a_scene_file(tmp_path: Path) -> None:
     assert others == list(stages[1].events[1:])
 
 
+def test_a_file_says_what_a_stage_resets(tmp_path: Path) -> None:
+    reset = {"kappa_by_type": {}, "volume_constraint": "absolute", "M": None}
+    chosen = scene(
+        Stage(name="one", end=Duration(10), physics={"kappa_by_type": {"x": 0.2}}),
+        Stage(name="two", end=Duration(10), physics=reset),
+    )
+    save_scene(chosen, tmp_path / "scene.toml")
+    said = load_scene(tmp_path / "scene.toml").stages[1].physics
+    assert said == reset | {"M": 0.0016}
+    bare = scene(Stage(name="one", end=Duration(10), physics={"M": None}))
+    with pytest.raises(ValueError, match="M = None cannot be written without volume_constraint"):
+        save_scene(bare, tmp_path / "other.toml")
+
+
+def test_a_stage_that_goes_back_keeps_changes_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    speeds = iter([5.0, 3.0, 2.0, 4.0])
+    monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
+
+    def course(time: float) -> float:
+        return 500.0 + time
+
+    cells = [Cell(name="m", shape=Sphere(center=(0, 0, 0), radius=5), type="x")]
+    change = CellChange(cells=["m"], values={"type": "y", "volume": course})
+    simulation = Simulation(scene(Stage(name="q", end=QuasiSteady(), events=[change]), cells=cells))
+    simulation.run()
+    assert simulation.time == 30
+    assert simulation.cells[0].type == "y"
+    assert simulation.targets[0] == 530
+
+
 @pytest.mark.parametrize(
     ("text", "error"),
     [

@@ -121,6 +121,15 @@ sys.exit(status)
 """
 
 
+LACKING = """
+def lacking(scene, rank):
+    from mpi4py import MPI
+    if MPI.COMM_WORLD.rank == rank:
+        raise FileNotFoundError("no such file here")
+    return DistributedSimulation(scene)
+try:"""
+
+
 def test_run_saves_and_tells_once(tmp_path: Path) -> None:
     done = launch(2, "-c", COMMAND, "3", tmp_path / "run")
     assert done.returncode == 0, done.stderr
@@ -130,6 +139,16 @@ def test_run_saves_and_tells_once(tmp_path: Path) -> None:
     again = launch(2, "-c", COMMAND, "3", tmp_path / "run")
     assert again.returncode == 2
     assert again.stdout.count("already holds a run") == 1
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_what_one_rank_lacks_at_the_start_is_told_once(tmp_path: Path, failing: int) -> None:
+    lacks = COMMAND.replace(
+        "lambda: DistributedSimulation(scene)", f"lambda: lacking(scene, {failing})"
+    ).replace("try:", LACKING, 1)
+    done = launch(2, "-c", lacks, "3", tmp_path / "run")
+    assert done.returncode == 2, done.stderr
+    assert done.stdout.split("\n") == ["error: no such file here", ""]
 
 
 def test_more_ranks_than_cells_are_refused(tmp_path: Path) -> None:

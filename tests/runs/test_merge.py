@@ -19,7 +19,8 @@ from morphosim import (
     open_run,
     pack,
 )
-from morphosim.runs import lazy, savefile
+from morphosim.runs import lazy, merge, savefile
+from morphosim.runs.variables import CONTACT_MATRIX
 
 
 def simulation(names: str = "abc", **options: object) -> Simulation:
@@ -106,6 +107,26 @@ def test_contacts_are_a_list_beyond_many_cells(
         np.testing.assert_array_equal(
             data["contact_pair_area"][:4], areas[tuple(row[:4] for row in rows)]
         )
+
+
+def test_contacts_of_long_runs_are_a_list(changing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_run(changing) as data:
+        areas = data["contact_area"].values
+    monkeypatch.setattr(merge, "MOST_IN_MATRIX", areas.size - 1)
+    with open_run(changing) as data:
+        assert "contact_area" not in data
+        rows = [data[f"contact_{k}"].values for k in ("time", "cell", "neighbour")]
+        assert (rows[1] < rows[2]).all()
+        np.testing.assert_array_equal(data["contact_pair_area"], areas[tuple(rows)])
+        assert len(rows[0]) == np.count_nonzero(np.nan_to_num(areas)) // 2
+
+
+def test_a_packed_run_is_read_time_by_time(tmp_path: Path) -> None:
+    with netCDF4.Dataset(tmp_path / "packed.nc", "w") as file:
+        created = savefile.create(
+            file, "contact_area", CONTACT_MATRIX["contact_area"], (400, 300, 300), "f4"
+        )
+        assert created.chunking() == [1, 300, 300]
 
 
 def test_fields_are_read_when_they_are_used(

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from morphosim import (
+    Attraction,
+    BoxWalls,
     Cell,
     DivergenceError,
     Numerics,
@@ -22,7 +24,9 @@ from morphosim import (
     load_scene,
     open_run,
 )
+from morphosim.events import CellChange, Division
 from morphosim.snapshot import Snapshot
+from morphosim.stages import Duration, Stage
 
 from ..helpers import EXPECTED_TO_FAIL
 
@@ -159,6 +163,46 @@ def test_a_scene_file_that_was_changed_does_not_go_on(tmp_path: Path) -> None:
         Simulation.from_run(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('on_vanish = "stop"', 'on_vanish = "remove"'),
+        ("upper = [9, 9, 9]", "upper = [9, 9, 8.5]"),
+        ("time = 10", "time = 12"),
+    ],
+    ids=["vanish", "walls", "stages"],
+)
+def test_walls_and_stages_must_stay_too(tmp_path: Path, before: str, after: str) -> None:
+    chosen = scene(
+        confinement=BoxWalls(lower=(-9, -9, -9), upper=(9, 9, 9)),
+        stages=[Stage(name="s", end=Duration(10)), Stage(name="t", end=Duration(10))],
+    )
+    run(chosen, tmp_path, until=4)
+    Simulation.from_run(tmp_path)
+    text = (tmp_path / "scene.toml").read_text().replace(
+        "upper = [\n    9,\n    9,\n    9,\n]", "upper = [9, 9, 9]"
+    )  # fmt: skip
+    assert before in text
+    (tmp_path / "scene.toml").write_text(text.replace(before, after))
+    with pytest.raises(ValueError, match=r"scene\.(on_vanish|confinement|stages\[0\]) is"):
+        Simulation.from_run(tmp_path)
+
+
+def test_a_cell_that_has_vanished_does_not_end_a_run(tmp_path: Path) -> None:
+    physics = {"volume_constraint": "absolute", "kappa": 0.0}
+    cells = [
+        Cell(name="small", shape=Sphere(center=(0, 0, 0), radius=3)),
+        Cell(name="large", shape=Sphere(center=(15, 0, 0), radius=5)),
+    ]
+    chosen = scene(cells=cells, physics=physics, on_vanish="ignore", duration=220.0)
+    whole = run(chosen, tmp_path / "whole")
+    run(chosen, tmp_path / "part", until=200)
+    again = Simulation.from_run(tmp_path / "part")
+    assert again.engine.vanished().tolist() == [0]
+    again.run(observers=[RunWriter(tmp_path / "part", 20, resume=True)])
+    assert_same_state(again, whole)
+
+
 def test_a_run_without_its_state_does_not_go_on(tmp_path: Path) -> None:
     run(scene(), tmp_path, until=20)
     state = tmp_path / "restart-000001.npz"
@@ -213,6 +257,35 @@ def test_a_branch_from_an_earlier_save(tmp_path: Path) -> None:
         wanted = data["centroid"].sel(time=20).values
     branch = Simulation.from_run(tmp_path, time=22)
     np.testing.assert_allclose(branch.centroids, wanted, atol=2e-3)
+
+
+def test_a_branch_has_the_cells_as_they_were(tmp_path: Path) -> None:
+    course = VolumeCourse(times=[0, 40], volumes=[500, 600])
+    cells = [
+        Cell(name="m", shape=Sphere(center=(0, 0, 0), radius=5), type="x", gamma=0.4),
+        Cell(name="n", shape=Sphere(center=(11, 0, 0), radius=5), type="x", volume=course),
+    ]
+    divides = [Division(cell="m", daughters=("a", "b"), axis=(0, 0, 1), types=("x", "z"))]
+    changes = CellChange(cells=["n"], values={"type": "y"})
+    sigma = Attraction(types={("x", "y"): 0.2, ("x", "x"): 0.5})
+    chosen = scene(
+        cells=cells,
+        physics={"sigma": sigma, "kappa_by_type": {"y": 0.1}},
+        stages=[
+            Stage(name="one", end=Duration(10), events=divides),
+            Stage(name="two", end=Duration(20)),
+            Stage(name="three", end=Duration(10), events=[changes]),
+        ],
+    )
+    run(chosen, tmp_path)
+    branch = Simulation.from_run(tmp_path, time=30)
+    assert [(c.name, c.type, c.parent, c.gamma) for c in branch.cells] == [
+        ("n", "x", "", None), ("a", "x", "m", 0.4), ("b", "z", "m", 0.4),
+    ]  # fmt: skip
+    assert branch.targets[0] == pytest.approx(575)
+    branch.step(10)
+    assert branch.targets[0] == 600
+    assert branch.physics.attraction.types == {("x", "x"): 0.5}
 
 
 def test_a_branch_on_another_lattice(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ LOCK = threading.Lock()
         (["volum"], ValueError, "did you mean 'volume'"),
         (["phi"], ValueError, "not known"),
         (["volume", "volume(time)"], ValueError, "occurs twice"),
-        (["no.such:thing"], ValueError, "cannot be loaded"),
+        (["no.such:thing"], ImportError, "cannot be loaded"),
         (["math:pi"], ValueError, "not a function"),
         ([3], TypeError, "not a text"),
         ([lambda run, lock=LOCK: lock], TypeError, "cannot be sent"),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from morphosim import RunWriter, Simulation, save_scene
 from morphosim.sweeps import members
@@ -12,6 +13,11 @@ from morphosim.sweeps.store import Store
 
 from ..helpers import EXPECTED_TO_FAIL
 from .scenes import length, pair, task
+
+
+def flawed(run: xr.Dataset) -> xr.DataArray:
+    """Figure with an attribute that netCDF cannot hold."""
+    return xr.DataArray(1.0, attrs={"is": True})
 
 
 @pytest.fixture
@@ -49,6 +55,13 @@ def test_a_member_that_diverges_has_its_error(store: Store) -> None:
     assert "numerics.S" in result.attrs["warning"]
     assert not result.data_vars
     assert not store.run(0).exists()
+    assert store.failed() == {0}
+
+
+def test_a_figure_that_no_file_can_hold_is_the_members_error(store: Store) -> None:
+    error = task(store.path, [flawed])(Member(0, {}))
+    assert error.startswith("TypeError")
+    assert store.read(0).attrs["error"] == error
     assert store.failed() == {0}
 
 
