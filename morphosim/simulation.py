@@ -501,8 +501,9 @@ def _alive(scene: Scene, state: Snapshot, present: Sequence[Cell] = ()) -> list[
 
 
 def _differs(cell: Cell, before: Cell, values: Iterable[str]) -> bool:
-    """Whether one of these values is another than before."""
-    return any(getattr(cell, name) != getattr(before, name) for name in values)
+    """Whether one of these values is another than before; two functions always differ."""
+    pairs = [(getattr(cell, name), getattr(before, name)) for name in values]
+    return any(new is not old and (callable(new) or new != old) for new, old in pairs)
 
 
 def _saved_fields(snapshot: Snapshot) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
