@@ -204,11 +204,11 @@ class MorphoAccessor:
 
         film(self._run, path, **options)
 
-    def show(self, **options: Any) -> "Page":
+    def show(self, *times: Any, **options: Any) -> "Page":
         """3-D view in a notebook, see `morphosim.pictures.show.show`."""
         from morphosim.pictures.show import show
 
-        return show(self._run, **options)
+        return show(self._run, *times, **options)
 
     def save_number(self, time: float | None = None) -> int:
         """Number of the save nearest to `time`, from 0; the last for None."""

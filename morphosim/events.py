@@ -63,7 +63,7 @@ class Division:
             message = f"{where}: daughters = {self.daughters!r}; expected two names"
             raise ValueError(message)
         object.__setattr__(self, "daughters", tuple(self.daughters))
-        _validate.unique(f"{where}: daughter", self.daughters)
+        _validate.unique(f"{where}: name", (self.cell, *self.daughters))
         _validate.number(f"{where}: fraction", self.fraction, above=0, most=0.999)
         if not _validate.vector(f"{where}: axis", self.axis).any():
             message = f"{where}: axis = {self.axis!r} has no direction"

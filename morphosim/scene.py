@@ -178,11 +178,21 @@ class Scene:
         for k, stage in enumerate(self.stages):
             _validate.instance(f"scene.stages[{k}]", stage, Stage)
             _validate.keys(f"physics of stage {stage.name!r}", stage.physics, _PHYSICS)
-        types, names = self.possible_types, self.possible_names
-        for values in ({}, *(stage.physics for stage in self.stages)):
-            physics = replace(self.physics, **values)  # raises where a value is not allowed
-            physics.check_types(types)
-            physics.attraction.check_names(names, types)
+            replace(self.physics, **stage.physics)  # raises where a value is not allowed
+        self._check_names(self.physics)
+
+    def check_stages(self) -> None:
+        """Raise ValueError if the physics of a stage name cells or types that can never come.
+
+        A scene that begins with a later stage (`from_stage`) may do so until it has its cells.
+        """
+        for stage in self.stages:
+            if stage.physics.keys() & {"sigma", "kappa_by_type"}:
+                self._check_names(replace(self.physics, **stage.physics))
+
+    def _check_names(self, physics: Physics) -> None:
+        physics.check_types(self.possible_types)
+        physics.attraction.check_names(self.possible_names, self.possible_types)
 
     @property
     def names(self) -> list[str]:

@@ -269,13 +269,13 @@ def settings(scene: Scene) -> dict[str, Any]:
     numerics = numerics_table(scene.numerics)
     del numerics["threads"]
     said: dict[str, Any] = {"on_vanish": scene.on_vanish}
-    with suppress(ValueError):
+    with suppress(ValueError, TypeError):
         arrays: dict[str, np.ndarray] = {}
         walls = scene.confinement
         table = walls and _typed_table(walls, CONFINEMENTS, arrays, "", "confinement")
         said["confinement"] = _digest(table, *arrays.values())
     for k, stage in enumerate(scene.stages):
-        with suppress(ValueError):
+        with suppress(ValueError, TypeError):
             said[f"stages[{k}]"] = _digest(stage_table(stage, physics_said))
     return {"physics": physics_table(scene.physics), "numerics": numerics, "scene": said}
 

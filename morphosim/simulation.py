@@ -105,6 +105,7 @@ class Simulation:
 
     def __post_init__(self, state: Snapshot | None) -> None:
         scene = self.scene
+        scene.check_stages()
         self.cells = list(scene.cells) if state is None else _alive(scene, state)
         physics = scene.physics if state is None else physics_of(state.physics, self.names)
         self.engine = self._make_engine(physics, state)
@@ -270,7 +271,7 @@ class Simulation:
             There is no such cell, or a cell has or had a daughter's name.
         """
         i = self._place(cell)
-        known = {*self.names, *(other.parent for other in self.cells)}
+        known = {*self.names, *(c.parent for c in self.cells), *(name for _, name in self.removed)}
         for name in daughters:
             if name in known:
                 message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"

@@ -109,9 +109,8 @@ def _attraction(scene: Scene) -> str:
 
 
 def _noise(scene: Scene) -> str:
-    physics, dt = scene.physics, scene.numerics.dt
-    kappa = max(max(map(s.physics.motility, s.possible_types)) for s in _courses(scene))
-    jump = kappa * dt**1.5 / physics.tau * physics.interface_scale
+    dt = scene.numerics.dt
+    jump, kappa = max(_jump(course) for course in _courses(scene))
     if jump <= FARTHEST_JUMP:
         return ""
     return (
@@ -119,6 +118,13 @@ def _noise(scene: Scene) -> str:
         f"of numerics.dt = {dt:g}; more than {FARTHEST_JUMP:g} is likely to diverge. Take a "
         "smaller dt or kappa"
     )
+
+
+def _jump(scene: Scene) -> tuple[float, float]:
+    """Interface widths by which noise moves a cell in a step, and the largest κ."""
+    physics = scene.physics
+    kappa = max(map(physics.motility, scene.possible_types))
+    return kappa * scene.numerics.dt**1.5 / physics.tau * physics.interface_scale, kappa
 
 
 def explicit_rates(scene: Scene) -> dict[str, float]:
@@ -131,8 +137,12 @@ def explicit_rates(scene: Scene) -> dict[str, float]:
 
 def _courses(scene: Scene) -> list[Scene]:
     """The scene, and the scene with the physics of each stage that changes more than σ."""
-    said = [stage.physics for stage in scene.stages if stage.physics.keys() - {"sigma"}]
-    return [scene, *(replace(scene, physics=replace(scene.physics, **more)) for more in said)]
+    courses, physics = [scene], scene.physics
+    for stage in scene.stages:
+        physics = replace(physics, **stage.physics)
+        if stage.physics.keys() - {"sigma"}:
+            courses.append(replace(scene, physics=physics))
+    return courses
 
 
 def _rates(scene: Scene) -> dict[str, float]:
@@ -159,7 +169,10 @@ def least_S(scene: Scene) -> float:
     if scene.numerics.scheme == "euler":
         return 0.0
     share = 0.75 if scene.numerics.scheme == "bdf2" else 0.5
-    return max(0.0, share * explicit_rate(scene) - scene.physics.tau / scene.numerics.dt)
+    needed = [
+        share * sum(_rates(s).values()) - s.physics.tau / s.numerics.dt for s in _courses(scene)
+    ]
+    return max(0.0, *needed)
 
 
 def stabilised(scene: Scene) -> Scene:

@@ -117,21 +117,24 @@ class Rename:
             simulation.change_cells(simulation.names[:1], type=self.kind)
 
 
+@pytest.mark.parametrize("every", [8, 10])
 def test_what_a_stage_undoes_has_not_happened(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
 ) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
     monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
-    rules = [Rename(28.0, "early"), Rename(36.0, "late")]
+    rules = [Rename(28.0, "early"), Rename(30.0, "now"), Rename(36.0, "late")]
     chosen = scene(Stage(name="q", end=QuasiSteady(), rules=rules, rules_every=2.0))
     simulation = Simulation(chosen)
-    simulation.run(observers=[RunWriter(tmp_path, 8)])  # at 32 too, which is dropped
+    simulation.run(observers=[RunWriter(tmp_path, every)])  # saves of 30 and later are dropped
     assert simulation.time == 30
     assert simulation.cells[0].type == "early"
     assert [time for time, _ in simulation.events] == [28.0]
     with open_run(tmp_path) as run:
-        assert run["time"].values.tolist() == [0, 8, 16, 24, 30]
-        assert run["events"].values.tolist() == ["", "", "", "", "change of type of m"]
+        assert run["time"].values.tolist() == [*range(0, 30, every), 30]
+        assert run["events"].values.tolist()[-1] == "change of type of m"
+        assert set(run["events"].values.tolist()[:-1]) == {""}
+        assert run["type"].values[-1].tolist() == ["early"]
         assert run.attrs["finished"] == 1
 
 
@@ -278,9 +281,10 @@ def test_physics_of_a_stage_name_cells_and_types_that_may_come(physics: dict, er
     divides = Stage(name="one", end=Duration(10), events=[DIVISION])
     named = {"sigma": Attraction(pairs={("a", "b"): 0.5}, types={("x", "x"): 0.3})}
     for values in (named, {"kappa_by_type": {"x": 0.1}}):
-        scene(divides, Stage(name="two", end=Duration(10), physics=values))
+        Simulation(scene(divides, Stage(name="two", end=Duration(10), physics=values)))
+    wrong = scene(divides, Stage(name="two", end=Duration(10), physics=physics))
     with pytest.raises(ValueError, match=error):
-        scene(divides, Stage(name="two", end=Duration(10), physics=physics))
+        Simulation(wrong)
 
 
 def test_stages_are_checked_when_made() -> None:

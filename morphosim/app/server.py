@@ -19,8 +19,8 @@ from morphosim.app.upper import Upper
 
 _log = logging.getLogger(__name__)
 STATIC = Path(__file__).with_name("static")
-ANYWHERE = ("0.0.0.0", "::")
-"""Hosts that listen at all addresses of this machine."""
+ANYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
+"""Hosts that listen at all addresses of this machine, and one of these."""
 Tell = Callable[[str], None]
 
 
@@ -98,7 +98,7 @@ class Application:
         if self._open:
             import webbrowser
 
-            webbrowser.open(self.address("127.0.0.1" if everywhere else ""))
+            webbrowser.open(self.address(ANYWHERE.get(self._host, "")))
         self._start(self.upper.start)
         self._start(self.lower.start)
 
@@ -121,11 +121,8 @@ class Application:
 
     def _uploaded(self, field: str, well: bool, text: str) -> None:
         with self.server.state as state:
-            if well:
-                self.upper.list_files()
-                state[field] = text
-            else:
-                state.form_error = text
+            state[field if well else "form_error"] = text
+        self._start(self.upper.list_files)
 
     def _build(self) -> None:
         from trame.ui.vuetify3 import VAppLayout

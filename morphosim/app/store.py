@@ -1,7 +1,7 @@
 """The folder that the application was started in: it reads and writes nothing outside of it."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,34 +128,34 @@ class Store:
         """Name of a path below the folder."""
         return path.relative_to(self.root).as_posix()
 
-    def files(self, suffixes: tuple[str, ...]) -> list[str]:
-        """Names of all files with one of these endings, outside of runs."""
-        found = []
+    def files(self, kinds: Mapping[str, tuple[str, ...]]) -> dict[str, list[str]]:
+        """Names of all files of each kind, which have one of its endings, outside of runs."""
+        found: dict[str, list[str]] = {kind: [] for kind in kinds}
         for folder, names in self._folders():
-            if not any(_is_save(name) for name in names):
-                found += [
-                    self.name(folder / name) for name in names if name.lower().endswith(suffixes)
-                ]
-        return sorted(found)
+            if any(map(_is_save, names)):
+                continue
+            for kind, suffixes in kinds.items():
+                chosen = [folder / name for name in names if name.lower().endswith(suffixes)]
+                found[kind] += [self.name(path) for path in chosen if not path.is_symlink()]
+        return {kind: sorted(names) for kind, names in found.items()}
 
     def runs(self) -> list[str]:
         """Names of all runs, the one last written to first."""
         found: dict[str, float] = {}
         for folder, names in self._folders():
-            saves = sorted(name for name in names if _is_save(name))
-            if saves and folder != self.root:
-                found[self.name(folder)] = (folder / saves[-1]).stat().st_mtime
+            last = folder / max(filter(_is_save, names), default="")
+            if last not in (folder, self.root / last.name) and not last.is_symlink():
+                found[self.name(folder)] = last.stat().st_mtime
         return sorted(found, key=lambda name: (-found[name], name))
 
     def _folders(self) -> Iterator[tuple[Path, list[str]]]:
-        """All folders with the names of their files; links and hidden folders are passed over."""
+        """All folders with the names of their files; links to folders, and hidden folders, not."""
         for count, (folder, inner, names) in enumerate(os.walk(self.root)):
             if count == MOST_FOLDERS:
                 return
             depth = len(Path(folder).relative_to(self.root).parts)
             inner[:] = sorted(n for n in inner if not n.startswith(".")) if depth < DEEPEST else []
-            plain = [n for n in names if not (Path(folder) / n).is_symlink()]
-            yield Path(folder), plain
+            yield Path(folder), names
 
 
 def _is_save(name: str) -> bool:

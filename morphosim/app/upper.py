@@ -56,7 +56,7 @@ class Upper:
     async def start(self) -> None:
         """Begin to serve: start the process of the simulation, show the first scene."""
         self._desk = Desk()
-        self.list_files()
+        await self.list_files()
         await self.read_source()
         await self._desk.do(worker.warm_up)
 
@@ -65,10 +65,11 @@ class Upper:
         if self._desk is not None:
             self._desk.close()
 
-    def list_files(self) -> None:
+    async def list_files(self) -> None:
         """Look for files to import."""
-        for name, suffixes in FILES.items():
-            self._state[name] = self._store.files(suffixes)
+        found = await asyncio.to_thread(self._store.files, FILES)
+        with self._state as state:
+            state.update(found)
 
     async def read_source(self) -> None:
         """Read the chosen scene or files, and fill the form with what is there."""

@@ -42,16 +42,16 @@ def _source(upper: Upper, background: Background) -> None:
         v3.VBtn("Built-in scene", value="built-in")
         v3.VBtn("Masks and table", value="matlab")
         v3.VBtn("Label image", value="labels")
-    read = background(upper.read_source)
+    read, list_files = background(upper.read_source), background(upper.list_files)
     with html.Div(v_if=("source_kind === 'built-in'",)):
         choice("Scene", "scene_name", "scene_names", update_modelValue=read)
     with html.Div(v_if=("source_kind === 'matlab'",)):
-        _file(upper, "Cells: masks or saved fields", "masks", "mask_files")
-        _file(upper, "Names and attraction", "table", "table_files")
-        _file(upper, "Eggshell; empty: the published one", "shell_file", "mask_files")
+        _file(list_files, "Cells: masks or saved fields", "masks", "mask_files")
+        _file(list_files, "Names and attraction", "table", "table_files")
+        _file(list_files, "Eggshell; empty: the published one", "shell_file", "mask_files")
     with html.Div(v_if=("source_kind === 'labels'",)):
-        _file(upper, "Label image", "image", "image_files")
-        _file(upper, "Names and attraction; may be empty", "table", "table_files")
+        _file(list_files, "Label image", "image", "image_files")
+        _file(list_files, "Names and attraction; may be empty", "table", "table_files")
     with html.Div(v_if=("source_kind !== 'built-in'",), classes="line"):
         field(
             "Voxel, µm",
@@ -64,12 +64,12 @@ def _source(upper: Upper, background: Background) -> None:
     html.P("{{ description }}", v_if=("description && source_kind === 'built-in'",), classes="note")
 
 
-def _file(upper: Upper, label: str, name: str, items: str) -> None:
+def _file(list_files: Callable[..., None], label: str, name: str, items: str) -> None:
     suffixes = FILES[items]
     with html.Div(classes="line"):
         choice(
             f"{label} ({', '.join(suffixes)})", name, items, clearable=True,
-            update_menu=upper.list_files,
+            update_menu=list_files,
         )  # fmt: skip
         upload(name, ",".join(suffixes))
 

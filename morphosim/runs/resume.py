@@ -114,7 +114,7 @@ def _scene_at(directory: Path, save: Any, fields: Sequence[CellField]) -> Scene:
         row, first = save.sel(cell=field.name), field.name
         shape = Field(phi=field.phi, spacing=scene.numerics.spacing)
         while first and first not in known:
-            first = parents.get(first, "")
+            first = parents.get(first, "") if parents.get(first) != first else ""
         like = known[first] if first else Cell(name=field.name, shape=shape)
         target, given = float(row["target_volume"]), like.volume if first == field.name else None
         cells.append(

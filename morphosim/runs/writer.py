@@ -101,12 +101,12 @@ class RunWriter:
             self._plan(simulation)
 
     def stage_ended(self, simulation: Simulation) -> None:
-        """Save the end of a stage; saves beyond it, if the stage ends in the past, are dropped."""
-        if simulation.engine.steps < self._saved:
+        """Save the end of a stage; saves of then and later, if it ends in the past, are dropped."""
+        if simulation.engine.steps <= self._saved:
             beyond = self._number
             while self._told[-1][0] >= simulation.engine.steps:
                 self._told.pop()
-            self._save(simulation)
+            self._save(simulation, anew=True)
             self._drop(beyond, simulation.engine.steps)
         else:
             self._save(simulation)
@@ -172,7 +172,6 @@ class RunWriter:
         try:
             save_scene(simulation.scene, self.files.scene)
         except ValueError as error:
-            self.files.scene.unlink(missing_ok=True)  # of another scene
             _log.warning("%s is not written: %s", self.files.scene, error)
         except OSError as error:
             raise self._error(simulation, error) from error
@@ -184,8 +183,9 @@ class RunWriter:
         self._due = max(int(np.ceil((passed + 1) * self.every / dt - 1e-6)), steps + 1)
         self._measured_from = self._due - check_interval(dt)
 
-    def _save(self, simulation: Simulation) -> None:
-        if simulation.engine.steps == self._saved:
+    def _save(self, simulation: Simulation, anew: bool = False) -> None:
+        """Save, unless the last save is of this step; `anew`, also then."""
+        if simulation.engine.steps == self._saved and not anew:
             return
         number = self._number + 1
         measured = _measured(simulation)

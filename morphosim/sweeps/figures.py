@@ -57,7 +57,10 @@ class Figure:
 
 def _variable(run: "xr.Dataset", name: str) -> "xr.DataArray":
     if name not in run:
-        message = f"the run has no variable {name!r}; contact_area is there for up to 500 cells"
+        message = (
+            f"the run has no variable {name!r}; contact_area is there for up to 500 cells and some "
+            "10⁸ numbers in all saves"
+        )
         raise ValueError(message)
     return run[name].load()
 

@@ -160,7 +160,7 @@ def _checked(
     **choices: Any,
 ) -> _Setup:
     """Plan whose every value a scene accepts; ValueError or TypeError names axis and value."""
-    random = isinstance(scene, str) and scene in RANDOM and not Path(scene).exists()
+    random = isinstance(scene, str) and scene in RANDOM and not Path(scene).is_dir()
     base = scene if isinstance(scene, Scene) else find_scene(str(scene))
     seed = overrides.get(SEED, base.numerics.seed)
     fixed = dict(overrides)
@@ -209,10 +209,12 @@ def _try(setup: _Setup, folder: Path) -> None:
 
 def _attempt(make: Callable[[], Scene], where: str) -> Scene:
     try:
-        return make()
+        scene = make()
+        scene.check_stages()
     except (ValueError, TypeError) as error:
         message = f"{where}: {error}"
         raise type(error)(message) from error
+    return scene
 
 
 def _has_noise(scene: Scene) -> bool:

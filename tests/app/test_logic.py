@@ -91,7 +91,7 @@ def test_names_of_runs_and_files(tmp_path: Path) -> None:
     (tmp_path / "runs" / "a" / "save-000000.nc").touch()
     (tmp_path / "masks.mat").touch()
     assert store.runs() == ["runs/a"]
-    assert store.files((".mat",)) == ["masks.mat"]
+    assert store.files({"masks": (".mat",), "no": (".x",)}) == {"masks": ["masks.mat"], "no": []}
     with pytest.raises(FileExistsError, match="not empty"):
         store.new_run("runs/a")
     assert store.name(store.free("runs/a")) == "runs/a-2"

@@ -6,8 +6,9 @@
 export function listen(acts, data) {
   const handlers = {
     load: ({ data }) => acts.load(data),
-    append: ({ frame, follow }) => acts.append(frame, Boolean(follow)),
-    time: ({ index }) => void acts.time(index), // not waited for: the next may overtake it
+    // These are not waited for: the next may overtake them.
+    append: ({ frame, follow }) => void acts.append(frame, Boolean(follow)).catch(acts.failed),
+    time: ({ index }) => void acts.time(index).catch(acts.failed),
     select: ({ cell }) => acts.select(cell),
   };
   let last = Promise.resolve(data && acts.load(data)).then(() => tell("ready")).catch(acts.failed);
