@@ -23,10 +23,11 @@ def check_file(path: Path, suffixes: Iterable[str]) -> None:
         raise FileNotFoundError(message)
 
 
-def writable(path: str | Path, suffixes: Iterable[str]) -> Path:
-    """Path of a file to write; raises, before any work, for another extension or no folder."""
+def writable(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
+    """Path of a file to write; raises, before any work, for no folder or another extension."""
     path = Path(path)
-    _validate.choice(f"extension of {path}", path.suffix.lower(), suffixes)
+    if suffixes:
+        _validate.choice(f"extension of {path}", path.suffix.lower(), suffixes)
     if not path.parent.is_dir():
         message = f"{path} cannot be written: there is no directory {path.parent}"
         raise FileNotFoundError(message)

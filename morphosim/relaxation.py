@@ -1,11 +1,10 @@
 """Scenes whose cells have found their profiles before the run starts."""
 
 from dataclasses import replace
-from math import ceil
 
 from morphosim import _validate
 from morphosim.scene import Scene
-from morphosim.simulation import Simulation
+from morphosim.simulation import Simulation, steps_to
 
 RELAXATION = 10.0
 """*In silico* time in which start fields adapt to each other; in the eight-cell embryo 4, 20 and 40
@@ -40,5 +39,5 @@ def relaxed(scene: Scene, time: float = RELAXATION) -> Scene:
     _validate.number("time", time, above=0)
     free = [replace(cell, frozen=False) for cell in scene.cells]
     simulation = Simulation(replace(scene, cells=free, on_vanish="stop"))
-    simulation.step(ceil(time / scene.numerics.dt - 1e-9))  # without the scene's stages
+    simulation.step(steps_to(time, scene.numerics.dt))  # without the scene's stages
     return scene.with_fields(simulation.fields, scene.numerics.spacing)

@@ -206,7 +206,7 @@ class Simulation:
     @property
     def finished(self) -> bool:
         """Whether the scene's duration, or the last of its stages, is over."""
-        over = self.engine.steps >= _steps(self.scene.duration, self.scene.numerics.dt)
+        over = self.engine.steps >= steps_to(self.scene.duration, self.scene.numerics.dt)
         return over or (bool(self.scene.stages) and self._progress.done)
 
     @property
@@ -407,7 +407,7 @@ class Simulation:
             simulation with it.
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
-        last = _steps(end, self.scene.numerics.dt)
+        last = steps_to(end, self.scene.numerics.dt)
         started: list[Observer] = []
         staged = bool(self.scene.stages)
         try:
@@ -470,8 +470,8 @@ class Simulation:
         self._set_targets()
 
 
-def _steps(time: float, dt: float) -> int:
-    """Steps to a time."""
+def steps_to(time: float, dt: float) -> int:
+    """Number of steps of δt that reach an *in silico* time."""
     return int(np.ceil(time / dt - 1e-9))
 
 

@@ -143,9 +143,11 @@ class Store:
         """Names of all runs, the one last written to first."""
         found: dict[str, float] = {}
         for folder, names in self._folders():
-            last = folder / max(filter(_is_save, names), default="")
-            if last not in (folder, self.root / last.name) and not last.is_symlink():
-                found[self.name(folder)] = last.stat().st_mtime
+            saves = [name for name in names if _is_save(name)]
+            if saves and folder != self.root:
+                last = folder / max(saves)
+                if not last.is_symlink():
+                    found[self.name(folder)] = last.stat().st_mtime
         return sorted(found, key=lambda name: (-found[name], name))
 
     def _folders(self) -> Iterator[tuple[Path, list[str]]]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from morphosim._files import replacing
+from morphosim._files import replacing, writable
 from morphosim.progress import Tell
 from morphosim.runs.files import RunDirectory
 from morphosim.runs.reader import open_run
@@ -36,13 +36,10 @@ def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> N
     FileNotFoundError
         There is no run in the directory, or no folder for the file.
     """
-    target = Path(file)
+    target = writable(file)
     if target.exists():
         message = f"{target} exists; delete it, or give another name"
         raise FileExistsError(message)
-    if not target.parent.is_dir():
-        message = f"{target} cannot be written: there is no directory {target.parent}"
-        raise FileNotFoundError(message)
     with open_run(directory) as run, replacing(target) as partial:
         _write(run, partial, RunDirectory(Path(directory)), tell)
 
