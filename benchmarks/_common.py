@@ -6,14 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from morphosim.bench import (
-    alternating_medians,
-    packed_points,
-    packed_scene,
-    stepper,
-    table,
-)
-from morphosim.machine import machine
+from morphosim.bench import alternating_medians, packed_points, packed_scene, stepper, table
+from morphosim.provenance import machine
 
 __all__ = [
     "alternating_medians", "arguments", "machine", "markdown_table", "packed_points",

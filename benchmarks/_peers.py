@@ -11,10 +11,10 @@ from scipy import fft
 from threadpoolctl import threadpool_limits
 
 from morphosim import Scene
-from morphosim.fields import CellField, centroid
-from morphosim.initial import lattice_field
-from morphosim.stability import explicit_rate
-from morphosim.walls import wall_repulsion
+from morphosim.cell_field import CellField, centroid
+from morphosim.geometry.phase_field import lattice_field
+from morphosim.physics.confinement_repulsion import wall_repulsion
+from morphosim.scene.stability import explicit_rate
 
 AXES = (1, 2, 3)
 CUT = 0.02
@@ -54,7 +54,7 @@ def problem(scene: Scene, size: tuple[float, float, float]) -> Problem:
     shape = tuple(round(length / h) for length in size)
     phi = np.zeros((len(scene.cells), *shape))
     for whole, cell in zip(phi, scene.cells, strict=True):
-        origin, part = lattice_field(cell, physics.interface_scale, h)
+        origin, part = lattice_field(cell.shape, cell.name, physics.interface_scale, h)
         ends = zip(origin, part.shape, shape, strict=True)
         there = [slice(max(o, 0), min(o + n, m)) for o, n, m in ends]
         here = tuple(slice(s.start - o, s.stop - o) for s, o in zip(there, origin, strict=True))

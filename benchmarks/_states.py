@@ -11,9 +11,9 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
 from morphosim import Scene, Simulation, contact_areas
-from morphosim.contacts import SURFACE_LEVEL
-from morphosim.fields import CellField, centroid
-from morphosim.surfaces import cell_surface
+from morphosim.cell_field import CellField, centroid
+from morphosim.measure.contacts import SURFACE_LEVEL
+from morphosim.measure.surfaces import cell_surface
 
 SPLINE = 3
 MARGIN = 1.0

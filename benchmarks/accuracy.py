@@ -26,7 +26,7 @@ from _states import State, cached, errors, full_grid_states, states
 
 from morphosim import Numerics, Simulation
 from morphosim.errors import SimulationError
-from morphosim.numerics import PRESETS
+from morphosim.numerics.parameters import PRESETS
 
 TIMES = {"relaxing": (60.0,), "adhering": (60.0,), "embryo": (120.0, 480.0)}
 SCENES = {"relaxing": relaxing, "adhering": adhering, "embryo": embryo}

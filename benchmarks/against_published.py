@@ -18,7 +18,7 @@ import numpy as np
 from _common import report
 
 from morphosim import Simulation, load_scene, touching
-from morphosim.fields import CellField, centroid
+from morphosim.cell_field import CellField, centroid
 
 Trajectory = dict[float, dict[str, dict[str, float]]]
 

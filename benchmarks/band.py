@@ -15,10 +15,11 @@ from _common import arguments, report
 from _scenes import adhering, embryo, relaxing, walled
 from stability import bisect
 
-from morphosim import Scene, Simulation, StabilityWarning, stability
-from morphosim.contacts import touching
+from morphosim import Scene, Simulation, StabilityWarning
 from morphosim.errors import SimulationError
-from morphosim.numerics import PRESETS
+from morphosim.measure.contacts import touching
+from morphosim.numerics.parameters import PRESETS
+from morphosim.scene import stability
 
 SCENES = {
     "relaxing": (relaxing(), 120.0),

@@ -17,8 +17,8 @@ import numpy as np
 import xarray as xr
 from _common import arguments, report
 
-from morphosim.runs.files import RunDirectory
-from morphosim.snapshot import Snapshot
+from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.directory import RunDirectory
 
 MORPHOSIM = str(Path(sys.executable).with_name("morphosim"))
 START = 1.2
@@ -63,7 +63,7 @@ def same_saves(a: Path, b: Path) -> bool:
             with xr.open_dataset(one, group=group) as x, xr.open_dataset(other, group=group) as y:
                 if not x.equals(y):
                     return False
-    x, y = (Snapshot.read(files.restart(files.last)) for files in (first, second))
+    x, y = (Checkpoint.read(files.restart(files.last)) for files in (first, second))
     return x.steps == y.steps and all(
         np.array_equal(x.arrays[name], y.arrays[name]) for name in x.arrays
     )

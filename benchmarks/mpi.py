@@ -22,7 +22,7 @@ from _common import alternating_medians, arguments, packed_points, packed_scene,
 
 from morphosim import Simulation
 from morphosim.mpi.decompose import owners
-from morphosim.mpi.neighbours import portions
+from morphosim.mpi.ghost_regions import portions
 
 SETTLING = 4
 MPIRUN = ("mpirun", "--oversubscribe", "--allow-run-as-root")
@@ -62,7 +62,7 @@ def worker(options: Any) -> None:
         seconds = advance(simulation, options.steps)
         save(folder, ranks, simulation.centroids, {"seconds": seconds})
         return
-    from morphosim.mpi.simulation import DistributedSimulation
+    from morphosim.mpi.distributed_simulation import DistributedSimulation
 
     distributed = DistributedSimulation(scene)
     shares = distributed.shares
@@ -109,7 +109,7 @@ def row(folder: Path, ranks: int) -> dict[str, Any]:
 
 def overhead(options: Any) -> float:
     """Time of a step on one rank, against one without MPI."""
-    from morphosim.mpi.simulation import DistributedSimulation
+    from morphosim.mpi.distributed_simulation import DistributedSimulation
 
     scene = packed_scene(
         options.cells, solver=options.solver, precision=options.precision, threads=1

@@ -57,7 +57,7 @@ from _peers import (
 from _scenes import embryo
 
 from morphosim import Numerics, Simulation
-from morphosim.numerics import PRESETS
+from morphosim.numerics.parameters import PRESETS
 
 WANTED = ("standard", "fast", "draft")
 GRID = (60.0, 40.0, 30.0)

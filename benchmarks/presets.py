@@ -14,7 +14,7 @@ from _scenes import embryo
 from _states import State, states
 
 from morphosim import Numerics, Simulation
-from morphosim.numerics import PRESETS
+from morphosim.numerics.parameters import PRESETS
 
 
 @dataclass(frozen=True)

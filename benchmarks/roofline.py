@@ -38,6 +38,7 @@ from _common import arguments, packed_scene, print_table, report
 from morphosim import Simulation
 from morphosim.kernels._jit import kernel
 from morphosim.kernels.boxes import BAND
+from morphosim.kernels.chebyshev import sweep
 from morphosim.kernels.columns import ROWS, SHIFT, gather, sum_column
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import (
@@ -53,7 +54,6 @@ from morphosim.kernels.frames import (
 )
 from morphosim.kernels.helmholtz import helmholtz_solve
 from morphosim.kernels.layout import CellTerms, Scheme
-from morphosim.kernels.relaxation import sweep
 from morphosim.kernels.step import (
     HISTORY,
     PHI,
@@ -64,7 +64,7 @@ from morphosim.kernels.step import (
     accept_box,
     keep_history,
 )
-from morphosim.schemes import coefficients
+from morphosim.numerics.schemes import coefficients
 
 DERIVATIVE = 8
 """Sixth order: 3 differences, 3 products, 2 sums (`derivative`)."""

@@ -14,7 +14,7 @@ from _common import arguments, report
 from scipy.ndimage import map_coordinates
 
 from morphosim import LabelImage, Scene, Simulation, built_in_scene, import_labels
-from morphosim.fields import CellField
+from morphosim.cell_field import CellField
 
 VOXELS = ((0.5, 0.5, 0.5), (0.25, 0.25, 1.0), (0.2, 0.2, 0.2), (0.2, 0.2, 0.6))
 EMBRYO = built_in_scene("celegans-8")

@@ -7,7 +7,7 @@ A run is stable if it takes all its steps, ends with sound fields (-0.3 < φ < 1
 flip from step to step. The parts:
 
 - `smallest_S` over δt for both schemes (Fig. 2), on the eight-cell embryo with stepped walls as
-  published and with resolved ones, beside what `morphosim.stability` predicts;
+  published and with resolved ones, beside what `morphosim.scene.stability` predicts;
 - the stretch of *in silico* time at that S (Fig. S3): the factor by which the embryo's trajectory
   is slower than that of small steps;
 - the limits of physical parameters at the presets `standard` and `published`.
@@ -30,7 +30,7 @@ from scipy.optimize import minimize_scalar
 
 from morphosim import BoxWalls, Cell, DivergenceError, Numerics, Scene, Simulation, Sphere
 from morphosim.errors import CellVanishedError
-from morphosim.stability import least_S
+from morphosim.scene.stability import least_S
 
 TIME_STEPS = (0.1, 0.3, 0.5, 1.0, 1.5, 2.0, 2.1, 2.5, 3.0, 4.0)
 SCHEMES = ("bdf2", "imex1")
@@ -223,7 +223,7 @@ PARAMETERS = (
 HEAD = """# Stability
 
 Measured by `benchmarks/stability.py`; see [choosing numerics](choosing-numerics.md). First the
-smallest stable S of the eight-cell embryo, in brackets what `morphosim.stability.least_S` asks for;
+smallest stable S of the eight-cell embryo, in brackets what `stability.least_S` asks for;
 then how far single parameters go at two presets.
 
 """

@@ -6,7 +6,7 @@ Run as `python benchmarks/transforms.py`. The default of `Numerics.transform` is
 from _common import alternating_medians, arguments, packed_scene, report, stepper
 
 from morphosim import Simulation
-from morphosim.numerics import TRANSFORMS
+from morphosim.numerics.parameters import TRANSFORMS
 
 
 def main() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import xarray as xr
 
 from morphosim import Scene, Simulation, open_run
-from morphosim.lineage import contact_areas as experiment
-from morphosim.stages import Stage, Steady
+from morphosim.importers.lineage import contact_areas as experiment
+from morphosim.scene.stages import Stage, Steady
 
 START = "4-cell, no attraction"
 FIVE = experiment()

@@ -16,7 +16,7 @@ from _four_cells import FOUR, differences, four_cells
 from scipy.optimize import minimize_scalar
 
 from morphosim import RunWriter, Scene, Simulation, open_run
-from morphosim.attraction import Attraction
+from morphosim.physics.attraction import Attraction
 
 HIGHEST, PRECISION = 1.5, 0.05
 SCAN = np.arange(16) / 10

@@ -20,7 +20,7 @@ from morphosim import (
     read_labels,
     relaxed,
 )
-from morphosim.labels import label_image
+from morphosim.measure.label_image import label_image
 
 REGION = ("ABpl", "E", "MS")
 TIME = 100.0  # in silico, of the run that makes the image and of those that start from it

@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 import xarray as xr
 
 from morphosim import ProgressBar, RunWriter, Simulation, built_in_scene, open_run
+from morphosim.library.synnotch import LOWER, UPPER
 from morphosim.pictures.plot import draw
-from morphosim.synnotch import LOWER, UPPER
 
 COLOURS = {"R": "#d55e00", "G": "#009e73", "B": "#0072b2"}
 ROWS = ("asymmetric-3", "asymmetric-2", "symmetric", "repair", "dissociation")

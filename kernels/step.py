@@ -12,6 +12,7 @@ from numba import prange
 
 from morphosim.kernels._jit import choose, kernel, parallel_kernel
 from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
+from morphosim.kernels.chebyshev import sweep
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import (
@@ -26,7 +27,6 @@ from morphosim.kernels.frames import (
     unload,
 )
 from morphosim.kernels.helmholtz import helmholtz_solve
-from morphosim.kernels.relaxation import sweep
 
 PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 5
 """A thread's frames; each holds that of the largest box."""

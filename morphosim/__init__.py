@@ -15,75 +15,76 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 _EXPORTS = {
-    "Attraction": "attraction",
-    "BoxWalls": "confinement",
-    "EllipsoidShell": "confinement",
-    "FunctionWalls": "confinement",
-    "MaskWalls": "confinement",
-    "contact_areas": "contacts",
-    "touching": "contacts",
+    "Attraction": "physics.attraction",
+    "BoxWalls": "geometry.confinement",
+    "EllipsoidShell": "geometry.confinement",
+    "FunctionWalls": "geometry.confinement",
+    "MaskWalls": "geometry.confinement",
+    "contact_areas": "measure.contacts",
+    "touching": "measure.contacts",
     "CellVanishedError": "errors",
     "DivergenceError": "errors",
     "SaveError": "errors",
     "export": "exports",
-    "built_in_scene": "library",
-    "scene_names": "library",
-    "import_matlab": "matlab",
-    "Measurement": "measure",
-    "measure_fields": "measure",
-    "Numerics": "numerics",
-    "packed_cells": "packing",
-    "Physics": "physics",
-    "ProgressBar": "progress",
-    "relaxed": "relaxation",
+    "built_in_scene": "library.built_in",
+    "scene_names": "library.built_in",
+    "import_matlab": "importers.matlab.scene",
+    "Measurement": "measure.measurement",
+    "measure_fields": "measure.measurement",
+    "Numerics": "numerics.parameters",
+    "packed_cells": "scene.random_packing",
+    "Physics": "physics.parameters",
+    "ProgressBar": "simulation.progress_bar",
+    "relaxed": "simulation.relaxation",
     "pack": "runs.pack",
-    "load_fields": "runs.fields",
-    "open_run": "runs.reader",
+    "load_fields": "runs.saved_fields",
+    "open_run": "accessor",
     "RunWriter": "runs.writer",
-    "Cell": "scene",
-    "Scene": "scene",
-    "VolumeCourse": "scene",
-    "load_scene": "scenefile",
-    "save_scene": "scenefile",
-    "Ellipsoid": "shapes",
-    "Field": "shapes",
-    "Mask": "shapes",
-    "Sphere": "shapes",
-    "LabelImage": "segmentation.labelimage",
-    "SegmentationWarning": "segmentation.labelimage",
-    "read_labels": "segmentation.labelfile",
-    "import_labels": "segmentation.scene",
-    "Simulation": "simulation",
-    "StabilityWarning": "stability",
+    "Cell": "scene.cell",
+    "Scene": "scene.scene",
+    "VolumeCourse": "scene.cell",
+    "load_scene": "scene.file",
+    "save_scene": "scene.file",
+    "Ellipsoid": "geometry.shapes",
+    "Field": "geometry.shapes",
+    "Mask": "geometry.shapes",
+    "Sphere": "geometry.shapes",
+    "LabelImage": "importers.labels.label_image",
+    "SegmentationWarning": "importers.labels.label_image",
+    "read_labels": "importers.labels.image_file",
+    "import_labels": "importers.labels.scene",
+    "Simulation": "simulation.simulation",
+    "StabilityWarning": "scene.stability",
     "sweep": "sweeps.run",
 }
 
 if TYPE_CHECKING:
-    from morphosim.attraction import Attraction
-    from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
-    from morphosim.contacts import contact_areas, touching
+    from morphosim.accessor import open_run
     from morphosim.errors import CellVanishedError, DivergenceError, SaveError
     from morphosim.exports import export
-    from morphosim.library import built_in_scene, scene_names
-    from morphosim.matlab import import_matlab
-    from morphosim.measure import Measurement, measure_fields
-    from morphosim.numerics import Numerics
-    from morphosim.packing import packed_cells
-    from morphosim.physics import Physics
-    from morphosim.progress import ProgressBar
-    from morphosim.relaxation import relaxed
-    from morphosim.runs.fields import load_fields
+    from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
+    from morphosim.geometry.shapes import Ellipsoid, Field, Mask, Sphere
+    from morphosim.importers.labels.image_file import read_labels
+    from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
+    from morphosim.importers.labels.scene import import_labels
+    from morphosim.importers.matlab.scene import import_matlab
+    from morphosim.library.built_in import built_in_scene, scene_names
+    from morphosim.measure.contacts import contact_areas, touching
+    from morphosim.measure.measurement import Measurement, measure_fields
+    from morphosim.numerics.parameters import Numerics
+    from morphosim.physics.attraction import Attraction
+    from morphosim.physics.parameters import Physics
     from morphosim.runs.pack import pack
-    from morphosim.runs.reader import open_run
+    from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
-    from morphosim.scene import Cell, Scene, VolumeCourse
-    from morphosim.scenefile import load_scene, save_scene
-    from morphosim.segmentation.labelfile import read_labels
-    from morphosim.segmentation.labelimage import LabelImage, SegmentationWarning
-    from morphosim.segmentation.scene import import_labels
-    from morphosim.shapes import Ellipsoid, Field, Mask, Sphere
-    from morphosim.simulation import Simulation
-    from morphosim.stability import StabilityWarning
+    from morphosim.scene.cell import Cell, VolumeCourse
+    from morphosim.scene.file import load_scene, save_scene
+    from morphosim.scene.random_packing import packed_cells
+    from morphosim.scene.scene import Scene
+    from morphosim.scene.stability import StabilityWarning
+    from morphosim.simulation.progress_bar import ProgressBar
+    from morphosim.simulation.relaxation import relaxed
+    from morphosim.simulation.simulation import Simulation
     from morphosim.sweeps.run import sweep
 
 __version__ = version("morphosim")

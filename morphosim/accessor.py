@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from xarray.core.indexing import LazilyIndexedArray
 
 from morphosim import _validate
-from morphosim.fields import CellField
-from morphosim.labels import label_image
-from morphosim.lazyfields import FullFields, axes, block, contacts, read_labels, stored_image
-from morphosim.runs.fields import (
+from morphosim.cell_field import CellField
+from morphosim.measure.label_image import label_image
+from morphosim.measure.surfaces import SURFACE, Surface, cell_surface
+from morphosim.runs.reader import read_run
+from morphosim.runs.saved_fields import (
     SavedBoxes,
     load_fields,
     saved_boxes,
@@ -24,7 +25,7 @@ from morphosim.runs.fields import (
     time_index,
     variable,
 )
-from morphosim.surfaces import SURFACE, Surface, cell_surface
+from morphosim.runs.views import FullFields, axes, block, contacts, read_labels, stored_image
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -34,6 +35,19 @@ if TYPE_CHECKING:
 
 MOST_NEAR_NAMES = 8
 PHI = {"units": "1", "long_name": "phase field"}
+
+
+def open_run(path: str | Path) -> xr.Dataset:
+    """Open a run, directory or packed file, as one Dataset; the fields are read when used.
+
+    A directory may be opened while its run goes on: it shows the saves there are.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no run at `path`.
+    """
+    return read_run(path)
 
 
 @xr.register_dataset_accessor("morpho")

@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.library import built_in_scene
-from morphosim.machine import machine
-from morphosim.numerics import Numerics
-from morphosim.physics import Physics
+from morphosim.geometry.shapes import Sphere
+from morphosim.library.built_in import built_in_scene
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.parameters import Physics
 from morphosim.progress import TellWhat, silent
-from morphosim.scene import Cell, Scene
-from morphosim.shapes import Sphere
-from morphosim.simulation import Simulation
+from morphosim.provenance import machine
+from morphosim.scene.cell import Cell
+from morphosim.scene.scene import Scene
+from morphosim.simulation.simulation import Simulation
 
 CELLS = 100
 PACKED_DT = 1.5

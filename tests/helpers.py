@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
-from morphosim.engine import Engine
+from morphosim.engine.engine import Engine
 from morphosim.kernels.noise import normal_vectors
-from morphosim.numerics import Numerics
-from morphosim.physics import Physics
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.parameters import Physics
 
 H = 0.5
 TAIL = 1e-9
 """Start fields are laid out to where their profile falls below this."""
-EXPECTED_TO_FAIL = pytest.mark.filterwarnings("ignore::morphosim.stability.StabilityWarning")
+EXPECTED_TO_FAIL = pytest.mark.filterwarnings("ignore::morphosim.scene.stability.StabilityWarning")
 """For tests of scenes that are beyond what is stable."""
 StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
 

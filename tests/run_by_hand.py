@@ -13,10 +13,10 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from morphosim import Cell, Numerics, Scene, Simulation, Sphere
-from morphosim.contacts import contact_areas
-from morphosim.fields import CellField
-from morphosim.labels import label_image
-from morphosim.surfaces import cell_surface
+from morphosim.cell_field import CellField
+from morphosim.measure.contacts import contact_areas
+from morphosim.measure.label_image import label_image
+from morphosim.measure.surfaces import cell_surface
 
 NAMES = ["a", "b", "b1", "b2"]
 PARENTS = ["", "", "b", "b"]

@@ -12,9 +12,9 @@ import xarray as xr
 
 from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open_run
 from morphosim.accessor import MorphoAccessor
-from morphosim.labels import label_image
+from morphosim.measure.label_image import label_image
+from morphosim.measure.surfaces import cell_surface
 from morphosim.runs.pack import pack
-from morphosim.surfaces import cell_surface
 
 from .run_by_hand import NAMES, H, Run, Save, images_only, make_run, simulated, with_contact_list
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open_run
-from morphosim.aggregates import Aggregates, aggregates
-from morphosim.measure import measure_fields
+from morphosim.measure.aggregates import Aggregates, aggregates
+from morphosim.measure.measurement import measure_fields
 
 
 def aggregate(*places: tuple[float, float, float], types: str, radius: float = 5.0) -> Aggregates:

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import morphosim.engine
-from morphosim.attraction import Attraction
-from morphosim.columns import ColumnCover
-from morphosim.confinement import EllipsoidShell
-from morphosim.engine import Engine
+import morphosim.engine.engine
+from morphosim.engine.column_sums import ColumnCover
+from morphosim.engine.engine import Engine
+from morphosim.geometry.confinement import EllipsoidShell
 from morphosim.kernels.noise import normal_vectors
+from morphosim.physics.attraction import Attraction
 
 from .helpers import (
     H,
@@ -287,7 +287,7 @@ def fail(*_: object) -> None:
 
 def test_a_cell_in_open_space_needs_no_sums(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("accumulate", "accumulate_pairs", "normal_vectors"):
-        monkeypatch.setattr(morphosim.engine, name, fail)
+        monkeypatch.setattr(morphosim.engine.engine, name, fail)
     monkeypatch.setattr(ColumnCover, "update", fail)
     engine = make_engine([sphere(CENTER, 2.5)], physics={"sigma": 0.5})
     volume = engine.volumes[0]

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from morphosim import Attraction, BoxWalls, Cell, Numerics, Physics, Scene, Simulation, Sphere
-from morphosim.schemes import CONVERGENCE, coefficients, largest_eigenvalue, sweep_roots
+from morphosim.numerics.chebyshev import CONVERGENCE, largest_eigenvalue, sweep_roots
+from morphosim.numerics.schemes import coefficients
 
 from .test_certificate import STRESSES, TOLERANCES, full_run, measured, start, targets
 from .test_engine_against_reference import TERMS, TOGETHER, check

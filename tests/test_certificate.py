@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open_run
-from morphosim.attraction import Attraction
-from morphosim.boxes import SLACK
-from morphosim.confinement import FunctionWalls
-from morphosim.engine import SHRINK_INTERVAL, Engine
+from morphosim.engine.box_pool import SLACK
+from morphosim.engine.engine import SHRINK_INTERVAL, Engine
+from morphosim.geometry.confinement import FunctionWalls
+from morphosim.physics.attraction import Attraction
 
 from .helpers import (
     H,

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from morphosim import contact_areas, touching
-from morphosim.contacts import NEIGHBOUR_LEVEL, SURFACE_LEVEL, TOUCH_LEVEL, overlapping
-from morphosim.fields import CellField
-from morphosim.surfaces import cell_surface
+from morphosim.cell_field import CellField
+from morphosim.measure.contacts import NEIGHBOUR_LEVEL, SURFACE_LEVEL, TOUCH_LEVEL, overlapping
+from morphosim.measure.surfaces import cell_surface
 
 H = 0.25
 

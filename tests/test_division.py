@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.division import divided
-from morphosim.fields import CellField, centroid
+from morphosim.cell_field import CellField, centroid
+from morphosim.simulation.division import divided
 
 from .helpers import H, sphere
 

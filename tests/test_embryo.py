@@ -6,18 +6,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from morphosim import (
-    EllipsoidShell,
-    Numerics,
-    Simulation,
-    built_in_scene,
-    load_scene,
-    save_scene,
-)
+from morphosim import EllipsoidShell, Numerics, Simulation, built_in_scene, load_scene, save_scene
 from morphosim.cli import app
-from morphosim.embryo import celegans_1_to_8, celegans_1_to_102, embryo
-from morphosim.lineage import read_lineage
-from morphosim.stages import Duration
+from morphosim.importers.lineage import read_lineage
+from morphosim.importers.lineage.scene import embryo
+from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
+from morphosim.scene.stages import Duration
 
 SPECIES = """name,parent,volume_um3,axis_x,axis_y,axis_z,group
 egg,,3000,1,0,0,1

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.attraction import Attraction
-from morphosim.confinement import EllipsoidShell
-from morphosim.engine import Engine
+from morphosim.engine.engine import Engine
+from morphosim.geometry.confinement import EllipsoidShell
+from morphosim.physics.attraction import Attraction
 
 from .helpers import (
     H,

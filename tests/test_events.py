@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from morphosim import Attraction, Cell, Numerics, Physics, Scene, Simulation, Sphere
-from morphosim.events import CellChange, Differentiation, Division, PhysicsChange, Removal
+from morphosim.scene.events import CellChange, Differentiation, Division, PhysicsChange, Removal
 
 
 def ball(name: str, x: float = 0.0, radius: float = 5.0, **options: Any) -> Cell:

@@ -14,7 +14,7 @@ import tifffile
 
 from morphosim.exports import export
 from morphosim.exports.stl import TRIANGLE, file_names
-from morphosim.surfaces import cell_surface
+from morphosim.measure.surfaces import cell_surface
 
 from .run_by_hand import NAMES, H, Run, Save, images_only, make_run, simulated, with_contact_list
 

@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from morphosim.lineage import CONTACT_STAGES, Lineage, contact_areas, contacts, read_lineage
+from morphosim.importers.lineage import (
+    CONTACT_STAGES,
+    Lineage,
+    contact_areas,
+    contacts,
+    read_lineage,
+)
 
 CELEGANS = Path(__file__).resolve().parents[2] / "shared" / "celegans"
 """The tables that the built-in ones are made from; not part of a checkout."""

@@ -12,9 +12,10 @@ import openpyxl
 import pytest
 from scipy.io import savemat
 
-from morphosim.matlab import EGGSHELL, import_matlab
-from morphosim.physics import Physics
-from morphosim.shapes import Field, Mask
+from morphosim.geometry.eggshell import EGGSHELL
+from morphosim.geometry.shapes import Field, Mask
+from morphosim.importers.matlab.scene import import_matlab
+from morphosim.physics.parameters import Physics
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 EXAMPLE = SHARED / "matlab_example"

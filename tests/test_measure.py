@@ -9,9 +9,9 @@ from numba import get_num_threads, set_num_threads
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import contact_areas
-from morphosim.fields import CellField, centroid
-from morphosim.measure import Measurement, measure, measure_fields
-from morphosim.surfaces import cell_surface
+from morphosim.cell_field import CellField, centroid
+from morphosim.measure.measurement import Measurement, measure, measure_fields
+from morphosim.measure.surfaces import cell_surface
 
 from .helpers import make_engine, sphere
 

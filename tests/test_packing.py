@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from morphosim.packing import packed_cells, random_positions
+from morphosim.scene.random_packing import packed_cells, random_positions
 
 CUBE = ((-32.0, -32.0, -32.0), (32.0, 32.0, 32.0))
 
@@ -68,7 +68,7 @@ def test_what_does_not_fit_is_refused_at_once(count: int, side: float, error: st
 
 
 def test_what_cannot_be_pushed_apart_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("morphosim.packing.MOST_ITERATIONS", 50)
+    monkeypatch.setattr("morphosim.scene.random_packing.MOST_ITERATIONS", 50)
     with pytest.raises(ValueError, match="60 % of the box, are not apart after 50 iterations"):
         random_positions(300, 5.0, *CUBE)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.confinement import EllipsoidShell
-from morphosim.partition import PowerPartition, power_partition
+from morphosim.geometry.confinement import EllipsoidShell
+from morphosim.geometry.power_partition import PowerPartition, power_partition
 
 A = 28.2846
 SHELL = EllipsoidShell(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from morphosim import Simulation, import_matlab, touching
-from morphosim.scene import Scene
+from morphosim.scene.scene import Scene
 
 from .helpers import EXPECTED_TO_FAIL
 

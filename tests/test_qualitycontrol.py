@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from morphosim.lineage import contact_areas, contacts
-from morphosim.qualitycontrol import (
+from morphosim.importers.lineage import contact_areas, contacts
+from morphosim.library.celegans.quality_control import (
     EIGHT,
     FIVE_PAIRS,
     FOUR,
@@ -22,7 +22,7 @@ from morphosim.qualitycontrol import (
     plane_distance,
     quality_control,
 )
-from morphosim.qualityreport import report_text, to_json
+from morphosim.library.celegans.quality_report import report_text, to_json
 
 NAMES = ["P0", "AB", "P1", *FOUR[:3], "P2", *SIX[:4], "MS", "E", "C", "P3"]
 APART = 8

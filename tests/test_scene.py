@@ -29,8 +29,8 @@ from morphosim import (
     save_scene,
     scene_names,
 )
-from morphosim.initial import lattice_field
-from morphosim.interactions import Interactions
+from morphosim.geometry.phase_field import lattice_field
+from morphosim.physics.interactions import Interactions
 
 H = 0.5
 
@@ -292,7 +292,7 @@ def test_a_volume_course_is_linear_between_and_constant_beyond(time: float, volu
 def start_fields(scene: Scene) -> NDArray[np.float64]:
     """Start fields on one grid that holds them all, (N, nx, ny, nz)."""
     scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
-    laid = [lattice_field(cell, scale, spacing) for cell in scene.cells]
+    laid = [lattice_field(cell.shape, cell.name, scale, spacing) for cell in scene.cells]
     low = np.min([origin for origin, _ in laid], axis=0)
     high = np.max([origin + phi.shape for origin, phi in laid], axis=0)
     grid = np.zeros((len(laid), *(high - low)))

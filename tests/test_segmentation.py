@@ -10,21 +10,22 @@ import pytest
 import tifffile
 import xarray as xr
 
-from morphosim.confinement import EllipsoidShell, MaskWalls
-from morphosim.events import Division
-from morphosim.labels import label_image
-from morphosim.numerics import Numerics
-from morphosim.physics import Physics
-from morphosim.relaxation import relaxed
-from morphosim.scene import Cell, Scene
-from morphosim.scenefile import load_scene, save_scene
-from morphosim.segmentation.labelfile import read_labels
-from morphosim.segmentation.labelimage import LabelImage, SegmentationWarning
-from morphosim.segmentation.labelshapes import walls_around
-from morphosim.segmentation.scene import import_labels
-from morphosim.shapes import Sphere
-from morphosim.simulation import Simulation
-from morphosim.stages import Duration, Stage
+from morphosim.geometry.confinement import EllipsoidShell, MaskWalls
+from morphosim.geometry.shapes import Sphere
+from morphosim.importers.labels.image_file import read_labels
+from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
+from morphosim.importers.labels.resampling import walls_around
+from morphosim.importers.labels.scene import import_labels
+from morphosim.measure.label_image import label_image
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.parameters import Physics
+from morphosim.scene.cell import Cell
+from morphosim.scene.events import Division
+from morphosim.scene.file import load_scene, save_scene
+from morphosim.scene.scene import Scene
+from morphosim.scene.stages import Duration, Stage
+from morphosim.simulation.relaxation import relaxed
+from morphosim.simulation.simulation import Simulation
 
 LABELS = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
 """Axes x, y, z; every voxel differs."""

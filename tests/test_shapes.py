@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import (
     BoxWalls,
-    Cell,
     Ellipsoid,
     EllipsoidShell,
     Field,
@@ -17,8 +16,8 @@ from morphosim import (
     MaskWalls,
     Sphere,
 )
-from morphosim.fields import CellField, centroid
-from morphosim.initial import lattice_field, profile
+from morphosim.cell_field import CellField, centroid
+from morphosim.geometry.phase_field import lattice_field, profile
 
 H = 0.5
 CENTER = np.array([1.3, -2.1, 0.4])
@@ -27,7 +26,7 @@ DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 
 
 def start(shape: object, h: float = H, scale: float = 1.0) -> CellField:
-    return CellField("a", *lattice_field(Cell(name="a", shape=shape), scale, h))
+    return CellField("a", *lattice_field(shape, "a", scale, h))
 
 
 def volume(field: CellField, h: float = H) -> float:

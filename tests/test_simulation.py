@@ -374,7 +374,9 @@ except AttributeError as error:
     assert "no attribute 'Simulaton'" in python(code)
 
 
-@pytest.mark.parametrize("name", ["morphosim", "morphosim.attraction", "morphosim.simulation"])
+@pytest.mark.parametrize(
+    "name", ["morphosim", "morphosim.physics.attraction", "morphosim.simulation.simulation"]
+)
 def test_docstrings_say_what_happens(name: str) -> None:
     result = doctest.testmod(import_module(name))
     assert result.attempted > 0

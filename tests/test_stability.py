@@ -20,11 +20,11 @@ from morphosim import (
     VolumeCourse,
     built_in_scene,
     scene_names,
-    stability,
 )
-from morphosim.events import Division
-from morphosim.stability import concerns, explicit_rates
-from morphosim.stages import Duration, Stage
+from morphosim.scene import stability
+from morphosim.scene.events import Division
+from morphosim.scene.stability import concerns, explicit_rates
+from morphosim.scene.stages import Duration, Stage
 
 from .helpers import EXPECTED_TO_FAIL
 

@@ -19,8 +19,8 @@ from morphosim import (
     open_run,
     save_scene,
 )
-from morphosim.events import CellChange, Differentiation, Division, PhysicsChange, Removal
-from morphosim.stages import Duration, QuasiSteady, Stage, Steady, When
+from morphosim.scene.events import CellChange, Differentiation, Division, PhysicsChange, Removal
+from morphosim.scene.stages import Duration, QuasiSteady, Stage, Steady, When
 
 DIVISION = Division(cell="m", daughters=("a", "b"), axis=(1, 0, 0), fraction=0.55)
 
@@ -93,7 +93,9 @@ def test_a_quasi_steady_stage_ends_with_the_state_of_the_minimum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
-    monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
+    monkeypatch.setattr(
+        "morphosim.simulation.stage_runner.Progress._speed", lambda *_: next(speeds)
+    )
     chosen = scene(Stage(name="q", end=QuasiSteady()))
     simulation = Simulation(chosen)
     simulation.run(observers=[RunWriter(tmp_path, 4)])
@@ -122,7 +124,9 @@ def test_what_a_stage_undoes_has_not_happened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
 ) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
-    monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
+    monkeypatch.setattr(
+        "morphosim.simulation.stage_runner.Progress._speed", lambda *_: next(speeds)
+    )
     rules = [Rename(28.0, "early"), Rename(30.0, "now"), Rename(36.0, "late")]
     chosen = scene(Stage(name="q", end=QuasiSteady(), rules=rules, rules_every=2.0))
     simulation = Simulation(chosen)
@@ -160,7 +164,7 @@ def test_a_staged_run_goes_on_to_the_same_bits(tmp_path: Path, until: float) -> 
     ran(chosen, tmp_path / "parts", until)
     again = Simulation.from_run(tmp_path / "parts")
     again.run(observers=[RunWriter(tmp_path / "parts", 50, resume=True)])
-    first, second = whole.snapshot(), again.snapshot()
+    first, second = whole.checkpoint(), again.checkpoint()
     assert first.names == second.names == ["a", "b"]
     assert (first.steps, first.stage, first.physics) == (second.steps, second.stage, second.physics)
     for name, values in first.arrays.items():
@@ -232,7 +236,9 @@ def test_a_file_says_what_a_stage_resets(tmp_path: Path) -> None:
 
 def test_a_stage_that_goes_back_keeps_changes_before(monkeypatch: pytest.MonkeyPatch) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
-    monkeypatch.setattr("morphosim.protocol.Progress._speed", lambda *_: next(speeds))
+    monkeypatch.setattr(
+        "morphosim.simulation.stage_runner.Progress._speed", lambda *_: next(speeds)
+    )
 
     def course(time: float) -> float:
         return 500.0 + time

@@ -21,11 +21,11 @@ from morphosim import (
     load_scene,
     open_run,
     save_scene,
-)  # fmt: skip
+)
 from morphosim.cli import app
-from morphosim.events import Differentiation
-from morphosim.stages import Duration, Stage
-from morphosim.synnotch import DURATION, SCENES
+from morphosim.library.synnotch import DURATION, SCENES
+from morphosim.scene.events import Differentiation
+from morphosim.scene.stages import Duration, Stage
 
 TABLE_2 = {
     "asymmetric-3": ({"R": 80, "G": 40}, {("R", "R"): 0.9, ("R", "G"): 0.5, ("G", "G"): 0.9}),

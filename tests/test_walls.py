@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 from scipy.special import expit
 
-from morphosim.confinement import BoxWalls, EllipsoidShell, FunctionWalls
-from morphosim.numerics import Numerics
-from morphosim.walls import distance, matching_shift, wall_repulsion
+from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.confinement_repulsion import distance, matching_shift, wall_repulsion
 
 from .helpers import advance, centroids, make_engine, sphere
 

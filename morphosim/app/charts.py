@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphosim.lazyfields import contacts
+from morphosim.runs.views import contacts
 
 if TYPE_CHECKING:
     import xarray as xr

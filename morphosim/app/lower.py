@@ -110,7 +110,7 @@ class Lower:
             state.opening = False
 
     def _take(self, path: Path) -> None:
-        from morphosim.runs.reader import open_run
+        from morphosim.accessor import open_run
 
         if self._run is not None:
             self._run.close()

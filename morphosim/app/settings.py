@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.app.store import Store
-from morphosim.attraction import Attraction
-from morphosim.initial import lattice_field
-from morphosim.library import built_in_scene
-from morphosim.nametable import NameTable, read_table
-from morphosim.numerics import PRESETS, Numerics
-from morphosim.scene import Scene
-from morphosim.shapes import Field, PowerCell
-from morphosim.stability import stabilised
+from morphosim.geometry.phase_field import lattice_field
+from morphosim.geometry.shapes import Field, PowerCell
+from morphosim.importers.matlab.name_table import NameTable, read_table
+from morphosim.library.built_in import built_in_scene
+from morphosim.numerics.parameters import PRESETS, Numerics
+from morphosim.physics.attraction import Attraction
+from morphosim.scene.scene import Scene
+from morphosim.scene.stability import stabilised
 
 KINDS = ("built-in", "matlab", "labels")
 OWN = "as the scene says"
@@ -65,7 +65,7 @@ class Source:
         return replace(scene, duration=IMPORTED_DURATION, save_every=IMPORTED_SAVE_EVERY)
 
     def _of_masks(self, store: Store) -> Scene:
-        from morphosim.matlab import import_matlab
+        from morphosim.importers.matlab.scene import import_matlab
 
         return import_matlab(
             store.path(_chosen("file of masks (.mat)", self.masks)),
@@ -75,7 +75,7 @@ class Source:
         )
 
     def _of_labels(self, store: Store) -> Scene:
-        from morphosim.segmentation.scene import import_labels
+        from morphosim.importers.labels.scene import import_labels
 
         image = store.path(_chosen("label image (.tif)", self.image))
         spacing = _spacing(self.spacing, 1, 3) if self.spacing.strip() else None
@@ -199,7 +199,7 @@ def without_shell(scene: Scene) -> Scene:
     cells = list(scene.cells)
     for k, cell in enumerate(cells):
         if isinstance(cell.shape, PowerCell):
-            origin, phi = lattice_field(cell, scale, spacing)
+            origin, phi = lattice_field(cell.shape, cell.name, scale, spacing)
             field = Field(phi=phi, origin=origin * spacing, spacing=spacing)
             cells[k] = replace(cell, shape=field, volume=cell.volume or cell.shape.volume)
     return replace(scene, cells=cells, confinement=None)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from morphosim._files import replacing
-from morphosim.runs.files import RunDirectory
+from morphosim.runs.directory import RunDirectory
 
 DEEPEST = 4
 """Folders are searched down to this depth."""

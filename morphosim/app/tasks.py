@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from morphosim.accessor import open_run
 from morphosim.app.processes import Channel
 from morphosim.app.worker import opening
 from morphosim.progress import Tell
-from morphosim.runs.reader import open_run
 
 
 def view(channel: Channel, run: Path, times: Sequence[float]) -> bytes:

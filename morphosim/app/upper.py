@@ -10,7 +10,7 @@ from morphosim.app.processes import STOP, Desk, Job, JobError, Stopped, words_of
 from morphosim.app.routes import Streams
 from morphosim.app.settings import OWN, PRESET_NAMES, Settings, Source, facts
 from morphosim.app.store import IMAGES, MASKS, TABLES, Store
-from morphosim.library import scene_names
+from morphosim.library.built_in import scene_names
 
 FILES = {"mask_files": MASKS, "table_files": TABLES, "image_files": IMAGES}
 """Lists of files to import, and their endings."""

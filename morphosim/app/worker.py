@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from morphosim.accessor import open_run
 from morphosim.app.processes import STOP, Channel, Stopped
 from morphosim.app.settings import Settings
 from morphosim.app.store import Store
-from morphosim.fields import CellField
-from morphosim.measure import measure
-from morphosim.runs.reader import open_run
+from morphosim.cell_field import CellField
 from morphosim.runs.writer import RunWriter
-from morphosim.simulation import Simulation
+from morphosim.simulation.simulation import Simulation
 
 PAUSE, GO_ON = "pause", "go on"
 TRIANGLES = 800
@@ -97,7 +96,7 @@ class Watcher:
         self._until = simulation.scene.end
         self._channel.tell("began", {"until": self._until})
         self._channel.tell("load", opening(self._directory, TRIANGLES, [simulation.time]))
-        self._shown = simulation.engine.steps
+        self._shown = simulation.steps
         self._clock = Clock(simulation.time)
         self._begun = self._told = self._pictured = time.perf_counter()
         self._cost = 0.0
@@ -142,11 +141,11 @@ class Watcher:
 
     def _show(self, simulation: Simulation) -> None:
         """Send the fields as they are now, unless they have been sent."""
-        if simulation.engine.steps == self._shown:
+        if simulation.steps == self._shown:
             return
         begin = time.perf_counter()
         self._channel.tell("frame", live_frame(simulation))
-        self._shown = simulation.engine.steps
+        self._shown = simulation.steps
         self._pictured = time.perf_counter()
         self._cost = self._pictured - begin
 
@@ -161,7 +160,7 @@ class Watcher:
         return {
             "time": simulation.time,
             "share": share,
-            "cells": len(simulation.cells),
+            "cells": len(simulation.names),
             "stage": simulation.stage,
             "steps_per_second": self._clock.steps_per_second,
             "seconds_left": left,
@@ -212,7 +211,7 @@ def live_frame(simulation: Simulation) -> bytes:
     from morphosim.pictures.meshes import field_meshes
     from morphosim.pictures.viewerdata import frame
 
-    types = {cell.name: cell.type for cell in simulation.cells}
+    types = dict(zip(simulation.names, simulation.types, strict=True))
     meshes = field_meshes(simulation.fields, simulation.scene.numerics.spacing, types)
     data = frame(
         simulation.time, meshes, _figures(simulation), stage=simulation.stage, triangles=TRIANGLES
@@ -222,13 +221,7 @@ def live_frame(simulation: Simulation) -> bytes:
 
 def _figures(simulation: Simulation) -> dict[str, dict[str, Any]]:
     """What the viewer says of each cell."""
-    pool, spacing, names = (
-        simulation.engine.pool,
-        simulation.scene.numerics.spacing,
-        simulation.names,
-    )
-    with simulation.engine.limited_threads():
-        measured = measure(pool.phi, pool.origin, pool.shape, pool.start, spacing)
+    names, measured = simulation.names, simulation.measured()
     columns = zip(names, measured.volume, simulation.targets, measured.surface_area, strict=True)
     figures: dict[str, dict[str, Any]] = {
         name: {"volume": float(v), "target": float(t), "surface": float(s), "neighbours": {}}

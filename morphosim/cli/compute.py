@@ -13,15 +13,15 @@ from morphosim.cli.app import INTERRUPTED, RUN_ERROR, app
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from morphosim.progress import ProgressBar
-    from morphosim.scene import Scene
-    from morphosim.simulation import Simulation
+    from morphosim.scene.scene import Scene
+    from morphosim.simulation.progress_bar import ProgressBar
+    from morphosim.simulation.simulation import Simulation
 
 
 @app.command()
 def scenes() -> None:
     """List the built-in scenes."""
-    from morphosim.library import built_in_scene, scene_names
+    from morphosim.library.built_in import built_in_scene, scene_names
 
     for name in scene_names():
         typer.echo(f"{name:24} {built_in_scene(name).description}")
@@ -90,7 +90,7 @@ def _chosen(
     name: str, overrides: dict[str, Any], stage: str | None, until: float | None
 ) -> "Scene":
     """The scene as it shall run."""
-    from morphosim.library import find_scene
+    from morphosim.library.built_in import find_scene
 
     scene = find_scene(name, overrides)
     if stage is None:
@@ -128,9 +128,9 @@ def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
 
 def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
     """Go on with a run; a later end is written to its scene file."""
-    from morphosim.runs.files import RunDirectory
+    from morphosim.runs.directory import RunDirectory
     from morphosim.runs.resume import saved_scene, saved_state
-    from morphosim.scenefile import save_scene
+    from morphosim.scene.file import save_scene
 
     def make() -> "Simulation":
         scene, snapshot = saved_state(directory)
@@ -165,10 +165,10 @@ def _simulate(
 
 def _kind(mpi: bool) -> "type[Simulation]":
     if mpi:
-        from morphosim.mpi.simulation import DistributedSimulation
+        from morphosim.mpi.distributed_simulation import DistributedSimulation
 
         return DistributedSimulation
-    from morphosim.simulation import Simulation
+    from morphosim.simulation.simulation import Simulation
 
     return Simulation
 
@@ -191,8 +191,8 @@ def _start(
 def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
     """Run with output and progress; end with a summary, whatever happens."""
     from morphosim.errors import SaveError, SimulationError
-    from morphosim.progress import ProgressBar
     from morphosim.runs.writer import RunWriter
+    from morphosim.simulation.progress_bar import ProgressBar
 
     scene = simulation.scene
     writer = RunWriter(
@@ -203,7 +203,7 @@ def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
     try:
         simulation.run(observers=[writer, bar])
     except KeyboardInterrupt:
-        kept = "saved" if simulation.engine.whole else "the saves before are kept"
+        kept = "saved" if simulation.whole else "the saves before are kept"
         typer.echo(
             f"interrupted at t = {simulation.time:g}; {kept}. "
             f"Go on with: morphosim run --resume {output}", err=True
@@ -221,22 +221,21 @@ def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
 
 def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
     """Volumes, certificate and speed of a run."""
-    engine = simulation.engine
     lines = [f"{'cell':10} {'volume':>10} {'target':>10}  um3   face |phi|   lost um3"]
     rows = zip(
-        simulation.names, simulation.volumes, simulation.targets, engine.face_peak,
-        engine.lost_volume, strict=True,
+        simulation.names, simulation.volumes, simulation.targets, simulation.face_peak,
+        simulation.lost_volume, strict=True,
     )  # fmt: skip
     shown = 20
     for name, volume, target, peak, lost in list(rows)[:shown]:
         lines.append(f"{name:10} {volume:10.1f} {target:10.1f} {peak:15.1e} {lost:10.2g}")
-    if len(simulation.cells) > shown:
-        lines.append(f"... and {len(simulation.cells) - shown} cells more")
+    if len(simulation.names) > shown:
+        lines.append(f"... and {len(simulation.names) - shown} cells more")
     if bar.steps:
         speed = 1e3 * bar.seconds / bar.steps
         lines.append(
             f"t = {simulation.time:g} in {bar.seconds:.1f} s: {speed:.2f} ms per step on "
-            f"{engine.workers} threads (first step, with compilation: {bar.first_step:.1f} s)"
+            f"{simulation.threads} threads (first step, with compilation: {bar.first_step:.1f} s)"
         )
     lines.append(f"saved in {output}")
     return "\n".join(lines)

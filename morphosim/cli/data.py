@@ -14,7 +14,7 @@ def info(
     directory: Annotated[Path, typer.Argument(help="directory of a run")],
 ) -> None:
     """Say what a run holds."""
-    from morphosim.runs.reader import open_run
+    from morphosim.accessor import open_run
 
     with open_run(directory) as data:
         times = data["time"].values
@@ -40,9 +40,9 @@ def contacts(
     as_json: Annotated[bool, typer.Option("--json", help="machine-readable output")] = False,
 ) -> None:
     """List which cells touch, and over what area."""
-    from morphosim.contacts import contact_areas, touching
-    from morphosim.runs.fields import load_fields, time_index
-    from morphosim.runs.reader import open_run
+    from morphosim.accessor import open_run
+    from morphosim.measure.contacts import contact_areas, touching
+    from morphosim.runs.saved_fields import load_fields, time_index
 
     with open_run(directory) as data:
         index = time_index(data, time)
@@ -92,9 +92,9 @@ def export(
     ] = None,
 ) -> None:
     """Write a run for other programs: surfaces, label images or tables, in um."""
+    from morphosim.accessor import open_run
     from morphosim.exports import export as write
     from morphosim.progress import progress_line
-    from morphosim.runs.reader import open_run
 
     place = directory.resolve()
     target = output or place.with_name(f"{place.stem if place.is_file() else place.name}-{to}")
@@ -112,9 +112,9 @@ def quality_control(
     ] = None,
 ) -> None:
     """Judge a run of celegans-1-to-8 by criteria A to H of Supplementary Note 1."""
-    from morphosim.qualitycontrol import quality_control as judge
-    from morphosim.qualityreport import report_text, to_json
-    from morphosim.runs.reader import open_run
+    from morphosim.accessor import open_run
+    from morphosim.library.celegans.quality_control import quality_control as judge
+    from morphosim.library.celegans.quality_report import report_text, to_json
 
     with open_run(directory) as data:
         criteria = judge(data)

@@ -21,9 +21,9 @@ def import_matlab(
     spacing: Annotated[float, typer.Option(help="voxel size, um")] = 0.5,
 ) -> None:
     """Turn the published MATLAB program's files into a scene that `run` takes."""
-    from morphosim.matlab import EGGSHELL
-    from morphosim.matlab import import_matlab as read
-    from morphosim.scenefile import save_scene
+    from morphosim.geometry.eggshell import EGGSHELL
+    from morphosim.importers.matlab.scene import import_matlab as read
+    from morphosim.scene.file import save_scene
 
     scene = read(
         masks, table, shell=shell, confinement=None if open_space else EGGSHELL,
@@ -68,11 +68,11 @@ def import_labels(
     ] = 0.0,
 ) -> None:
     """Turn a segmented image into a scene that `run` takes."""
-    from morphosim.physics import Physics
-    from morphosim.relaxation import relaxed
-    from morphosim.scenefile import save_scene
-    from morphosim.segmentation.labelfile import read_labels
-    from morphosim.segmentation.scene import import_labels as read
+    from morphosim.importers.labels.image_file import read_labels
+    from morphosim.importers.labels.scene import import_labels as read
+    from morphosim.physics.parameters import Physics
+    from morphosim.scene.file import save_scene
+    from morphosim.simulation.relaxation import relaxed
 
     labels = read_labels(
         image, axes=axes, spacing=spacing, origin=origin, key=key, time_index=time_index
@@ -107,10 +107,10 @@ def import_lineage(
     limit: Annotated[float, typer.Option(help="longest in silico time of a stage")] = 1000.0,
 ) -> None:
     """Turn a lineage table into a scene: an embryo from its first cell on, group after group."""
-    from morphosim.confinement import EllipsoidShell
-    from morphosim.embryo import embryo
-    from morphosim.lineage import read_lineage
-    from morphosim.scenefile import save_scene
+    from morphosim.geometry.confinement import EllipsoidShell
+    from morphosim.importers.lineage import read_lineage
+    from morphosim.importers.lineage.scene import embryo
+    from morphosim.scene.file import save_scene
 
     walls = EllipsoidShell(center=(0, 0, 0), semi_axes=shell, cut=(float("inf"),) * 2 + (cut,))
     scene = embryo(

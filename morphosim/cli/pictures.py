@@ -35,8 +35,8 @@ def plot(
     mirror: Mirror = False,
 ) -> None:
     """Draw the cells of a run at one time, in several views."""
+    from morphosim.accessor import open_run
     from morphosim.pictures.plot import plot as write
-    from morphosim.runs.reader import open_run
 
     with open_run(directory) as data:
         write(
@@ -59,9 +59,9 @@ def film(
     mirror: Mirror = False,
 ) -> None:
     """Make a film of a run, one frame per save."""
+    from morphosim.accessor import open_run
     from morphosim.pictures.film import film as write
     from morphosim.progress import progress_line
-    from morphosim.runs.reader import open_run
 
     with open_run(directory) as data, progress_line() as tell:
         write(
@@ -82,9 +82,9 @@ def show(
     ] = None,
 ) -> None:
     """Write a 3-D view of a run as one HTML file, which needs no network."""
+    from morphosim.accessor import open_run
     from morphosim.pictures.show import save_page
     from morphosim.progress import progress_line
-    from morphosim.runs.reader import open_run
 
     with open_run(directory) as data, progress_line() as tell:
         save_page(data, output, times, tell=lambda done, of: tell("view", done, of))

@@ -9,10 +9,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.labels import MOST_POINTS
-from morphosim.lazyfields import block
+from morphosim.measure.label_image import MOST_POINTS
 from morphosim.progress import Tell
-from morphosim.runs.fields import spacing
+from morphosim.runs.saved_fields import spacing
+from morphosim.runs.views import block
 
 CLASSIC_TIFF_BYTES = (1 << 32) - (1 << 25)
 """Larger images are BigTIFF: classic TIFF has 32-bit offsets."""

@@ -16,12 +16,12 @@ import numpy as np
 import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.fields import CellField
-from morphosim.labels import MOST_POINTS
-from morphosim.lazyfields import block
+from morphosim.cell_field import CellField
+from morphosim.measure.label_image import MOST_POINTS
+from morphosim.measure.surfaces import cell_surface
 from morphosim.progress import Tell
-from morphosim.runs.fields import load_fields, spacing, variable
-from morphosim.surfaces import cell_surface
+from morphosim.runs.saved_fields import load_fields, spacing, variable
+from morphosim.runs.views import block
 
 PER_TRIANGLE = ("volume", "surface_area")
 """Values of a cell that every triangle of its surface has, where the run has them."""

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from morphosim.measure.surfaces import Surface, cell_surface
 from morphosim.progress import Tell
-from morphosim.runs.fields import load_fields, spacing
-from morphosim.surfaces import Surface, cell_surface
+from morphosim.runs.saved_fields import load_fields, spacing
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = b"MorphoSim surface, um"

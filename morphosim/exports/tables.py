@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.lazyfields import contacts
 from morphosim.progress import Tell
-from morphosim.runs.fields import variable
+from morphosim.runs.saved_fields import variable
+from morphosim.runs.views import contacts
 
 TABLES = ("cells", "contacts", "times")
 

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphosim.errors import SaveError, SimulationError
-from morphosim.interrupts import SIGNALS
-from morphosim.mpi.simulation import RootObserver, on_root
-from morphosim.mpi.world import StoppedError, agreed, world
-from morphosim.progress import ProgressBar
+from morphosim.mpi.communicator import StoppedError, agreed, world
+from morphosim.mpi.distributed_simulation import RootObserver, on_root
 from morphosim.runs.writer import RunWriter
-from morphosim.simulation import Observer, Simulation
+from morphosim.simulation.interrupts import SIGNALS
+from morphosim.simulation.observers import Observer
+from morphosim.simulation.progress_bar import ProgressBar
+from morphosim.simulation.simulation import Simulation
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm

@@ -23,7 +23,7 @@ from morphosim.pictures.palettes import (
     set_apart,
     some_colours,
 )
-from morphosim.runs.fields import check_saves, time_index, variable
+from morphosim.runs.saved_fields import check_saves, time_index, variable
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,7 +23,7 @@ from morphosim.pictures.sight import (
     surroundings,
 )
 from morphosim.progress import Tell
-from morphosim.runs.fields import save_count, time_index
+from morphosim.runs.saved_fields import save_count, time_index
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from morphosim.runs.fields import variable
+from morphosim.runs.saved_fields import variable
 
 if TYPE_CHECKING:
     import xarray as xr

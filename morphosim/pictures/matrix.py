@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from numpy.typing import NDArray
 
-from morphosim.lazyfields import contacts
 from morphosim.pictures.annotate import PIXELS, plain
 from morphosim.pictures.colours import groups, living
+from morphosim.runs.views import contacts
 
 if TYPE_CHECKING:
     import xarray as xr

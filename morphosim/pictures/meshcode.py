@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.measure.surfaces import Surface
 from morphosim.pictures.meshes import CellMesh, normals, reduced
-from morphosim.surfaces import Surface
 
 STEPS = 1023
 """Steps along the longest side of a mesh: of a cell of 20 µm they are 0.02 µm."""

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.fields import CellField
+from morphosim.cell_field import CellField
+from morphosim.measure.surfaces import cell_surface
 from morphosim.pictures.needs import need
-from morphosim.runs.fields import load_fields, spacing, time_index, variable
-from morphosim.surfaces import cell_surface
+from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from morphosim.confinement import Confinement
+    from morphosim.geometry.confinement import Confinement
 
 SHELL_POINTS = 60
 """Points along the longest side of a shell."""
@@ -159,7 +159,7 @@ def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMe
     """
     from skimage.measure import marching_cubes
 
-    from morphosim.confinement import BoxWalls
+    from morphosim.geometry.confinement import BoxWalls
 
     _validate.integer("points", points, least=8)
     low, high = confinement.bounds()
@@ -202,7 +202,7 @@ def run_confinement(run: "xr.Dataset") -> "Confinement | None":
     that a file cannot hold, a packed run whose confinement is an image, walls by a function that
     cannot be imported here.
     """
-    from morphosim.scenefile import confinement_of
+    from morphosim.scene.file import confinement_of
 
     source = Path(run.encoding.get("source", ""))
     file = source / SCENE_FILE

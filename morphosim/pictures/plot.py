@@ -17,7 +17,7 @@ from morphosim.pictures.camera import THREE, VIEWS, View, camera, directions
 from morphosim.pictures.layout import Layout, layout
 from morphosim.pictures.needs import need
 from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
-from morphosim.runs.fields import time_index
+from morphosim.runs.saved_fields import time_index
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,14 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from morphosim import _validate
 from morphosim.pictures.camera import corners
 from morphosim.pictures.colours import Colouring, cell_colours
-from morphosim.pictures.meshes import (
-    CellMesh,
-    cell_meshes,
-    mirrored,
-    run_confinement,
-    shell_mesh,
-)
-from morphosim.runs.fields import time_index, variable
+from morphosim.pictures.meshes import CellMesh, cell_meshes, mirrored, run_confinement, shell_mesh
+from morphosim.runs.saved_fields import time_index, variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,7 +49,7 @@ class Surroundings:
 
 def surroundings(run: "xr.Dataset", mirror: bool = False) -> Surroundings:
     """Shell or box of a run, as far as its scene is known (`meshes.run_confinement`)."""
-    from morphosim.confinement import BoxWalls
+    from morphosim.geometry.confinement import BoxWalls
 
     confinement = run_confinement(run)
     if confinement is None:

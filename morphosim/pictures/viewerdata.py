@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphosim import _validate
-from morphosim.lazyfields import contacts
 from morphosim.pictures.colours import BY, TITLES, Scale, cell_colours, living, type_colours
 from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
 from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
 from morphosim.pictures.needs import need
 from morphosim.pictures.palettes import hexed
 from morphosim.progress import Tell
-from morphosim.runs.fields import save_count, time_index, variable
+from morphosim.runs.saved_fields import save_count, time_index, variable
+from morphosim.runs.views import contacts
 
 if TYPE_CHECKING:
     import xarray as xr

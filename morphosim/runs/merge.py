@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.runs.lazy import Segment, chained
-from morphosim.runs.variables import ALL, CONTACT_LIST, CONTACT_MATRIX, LABELS, PHI_STEP
+from morphosim.runs.lazy_concat import Segment, chained
+from morphosim.runs.schema import ALL, CONTACT_LIST, CONTACT_MATRIX, LABELS, PHI_STEP
 
 if TYPE_CHECKING:
     import xarray as xr

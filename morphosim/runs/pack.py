@@ -7,10 +7,10 @@ import numpy as np
 
 from morphosim._files import replacing, writable
 from morphosim.progress import Tell
-from morphosim.runs.files import RunDirectory
-from morphosim.runs.reader import open_run
-from morphosim.runs.savefile import create, pack_phi, write_texts
-from morphosim.runs.variables import ALL
+from morphosim.runs.directory import RunDirectory
+from morphosim.runs.reader import read_run
+from morphosim.runs.save_file import create, pack_phi, write_texts
+from morphosim.runs.schema import ALL
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,7 +20,7 @@ BLOCK = 1 << 23
 
 
 def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> None:
-    """Write a run into one netCDF-4 file, which `open_run` and plain xarray open as one Dataset.
+    """Write a run into one netCDF-4 file, which `read_run` and plain xarray open as one Dataset.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> N
     if target.exists():
         message = f"{target} exists; delete it, or give another name"
         raise FileExistsError(message)
-    with open_run(directory) as run, replacing(target) as partial:
+    with read_run(directory) as run, replacing(target) as partial:
         _write(run, partial, RunDirectory(Path(directory)), tell)
 
 

@@ -3,17 +3,15 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from morphosim.runs.files import RunDirectory
+from morphosim.runs.directory import RunDirectory
 from morphosim.runs.merge import merged
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-def open_run(path: str | Path) -> "xr.Dataset":
-    """Open a run, directory or packed file, as one Dataset; the fields are read when used.
-
-    A directory may be opened while its run goes on: it shows the saves there are.
+def read_run(path: str | Path) -> "xr.Dataset":
+    """One Dataset of a run, directory or packed file; see `accessor.open_run`.
 
     Raises
     ------
@@ -21,8 +19,6 @@ def open_run(path: str | Path) -> "xr.Dataset":
         There is no run at `path`.
     """
     import xarray as xr
-
-    import morphosim.accessor  # noqa: F401  (offers `Dataset.morpho`)
 
     path = Path(path)
     if path.is_file():

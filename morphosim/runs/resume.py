@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from morphosim.fields import CellField
-from morphosim.plaintables import physics_of
-from morphosim.runs.fields import load_fields, time_index
-from morphosim.runs.files import RunDirectory
-from morphosim.runs.reader import open_run
-from morphosim.scene import Cell, Scene, VolumeCourse
-from morphosim.scenefile import load_scene, settings
-from morphosim.shapes import Field
-from morphosim.snapshot import Snapshot
+from morphosim.cell_field import CellField
+from morphosim.geometry.shapes import Field
+from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.directory import RunDirectory
+from morphosim.runs.reader import read_run
+from morphosim.runs.saved_fields import load_fields, time_index
+from morphosim.scene.cell import Cell, VolumeCourse
+from morphosim.scene.file import load_scene
+from morphosim.scene.fingerprint import settings
+from morphosim.scene.scene import Scene
+from morphosim.scene.tables import physics_of
 
 
 def saved_scene(directory: Path) -> Scene:
@@ -31,7 +33,7 @@ def saved_scene(directory: Path) -> Scene:
     return load_scene(files.scene)
 
 
-def saved_state(directory: Path) -> tuple[Scene, Snapshot | None]:
+def saved_state(directory: Path) -> tuple[Scene, Checkpoint | None]:
     """Scene of a run, and its state at the last save; None before the first.
 
     Raises
@@ -50,7 +52,7 @@ def saved_state(directory: Path) -> tuple[Scene, Snapshot | None]:
     if not path.exists():
         message = f"{path} is missing: the run cannot go on to the same bits. {_branch(directory)}"
         raise FileNotFoundError(message)
-    state = Snapshot.read(path)
+    state = Checkpoint.read(path)
     _check_same(files, state.settings, settings(scene))
     return scene, state
 
@@ -90,7 +92,7 @@ def branched_scene(directory: Path, scene: Scene | None, time: float | None) -> 
 
     See `Simulation.from_run`.
     """
-    with open_run(directory) as run:
+    with read_run(directory) as run:
         index = time_index(run, time)
         fields = load_fields(run, index)
         spacing = float(run.attrs["spacing_um"])

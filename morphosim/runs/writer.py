@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim._files import replacing
 from morphosim.errors import SaveError
-from morphosim.measure import Measurement, measure
-from morphosim.runs.files import RunDirectory
-from morphosim.runs.savefile import step_of, write_save
-from morphosim.scene import SAVE_FIELDS
-from morphosim.scenefile import save_scene
-from morphosim.simulation import Simulation
-from morphosim.stages import check_interval
+from morphosim.runs.directory import RunDirectory
+from morphosim.runs.observed import Observed
+from morphosim.runs.save_file import step_of, write_save
+from morphosim.scene.file import save_scene
+from morphosim.scene.scene import SAVE_FIELDS
+from morphosim.scene.stages import check_interval
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +51,7 @@ class RunWriter:
 
     Examples
     --------
-    >>> from morphosim import built_in_scene
+    >>> from morphosim import Simulation, built_in_scene
     >>> simulation = Simulation(built_in_scene("single-cell"))
     >>> simulation.run(until=40, observers=[RunWriter("runs/one", every=20)])  # doctest: +SKIP
     """
@@ -80,7 +79,7 @@ class RunWriter:
         """Directory of the run."""
         return self.files.path
 
-    def start(self, simulation: Simulation) -> None:
+    def start(self, simulation: Observed) -> None:
         """Lock the directory, write the scene, and save the start."""
         self._failed = False
         self._lock = self.files.locked()
@@ -91,36 +90,36 @@ class RunWriter:
             self._close()
             raise
 
-    def after_step(self, simulation: Simulation) -> None:
+    def after_step(self, simulation: Observed) -> None:
         """Save if a save is due."""
-        steps = simulation.engine.steps
+        steps = simulation.steps
         if steps == self._measured_from:
             self._marks.append(_Since(simulation, simulation.centroids))
         if steps >= self._due:
             self._save(simulation)
             self._plan(simulation)
 
-    def stage_ended(self, simulation: Simulation) -> None:
+    def stage_ended(self, simulation: Observed) -> None:
         """Save the end of a stage; saves of then and later, if it ends in the past, are dropped."""
-        if simulation.engine.steps <= self._saved:
+        if simulation.steps <= self._saved:
             beyond = self._number
-            while self._told[-1][0] >= simulation.engine.steps:
+            while self._told[-1][0] >= simulation.steps:
                 self._told.pop()
             self._save(simulation, anew=True)
-            self._drop(beyond, simulation.engine.steps)
+            self._drop(beyond, simulation.steps)
         else:
             self._save(simulation)
         self._plan(simulation)
 
-    def finish(self, simulation: Simulation) -> None:
+    def finish(self, simulation: Observed) -> None:
         """Save the last state, unless a step or a save has failed, and unlock the directory."""
         try:
-            if simulation.engine.whole and not self._failed:
+            if simulation.whole and not self._failed:
                 self._save(simulation)
         finally:
             self._close()
 
-    def _begin(self, simulation: Simulation) -> None:
+    def _begin(self, simulation: Observed) -> None:
         if self.resume:
             self._check_fits(simulation)
         else:
@@ -128,7 +127,7 @@ class RunWriter:
         self.files.tidy()
         self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
         self._number = self.files.last
-        self._saved = simulation.engine.steps if self.files.saves else -1
+        self._saved = simulation.steps if self.files.saves else -1
         self._marks = deque([_Since(simulation, simulation.centroids)], maxlen=4)
         if not self.resume:
             self._write_scene(simulation)
@@ -157,17 +156,17 @@ class RunWriter:
             )
             raise FileExistsError(message)
 
-    def _check_fits(self, simulation: Simulation) -> None:
+    def _check_fits(self, simulation: Observed) -> None:
         """Raise ValueError unless the simulation is at the last save."""
         saved = step_of(self.files.save(self.files.last)) if self.files.saves else 0
-        if saved != simulation.engine.steps:
+        if saved != simulation.steps:
             message = (
                 f"{self.directory} was last saved at step {saved}, the simulation is at step "
-                f"{simulation.engine.steps}; take Simulation.from_run({str(self.directory)!r})"
+                f"{simulation.steps}; take Simulation.from_run({str(self.directory)!r})"
             )
             raise ValueError(message)
 
-    def _write_scene(self, simulation: Simulation) -> None:
+    def _write_scene(self, simulation: Observed) -> None:
         """Scene file, where a file can say the scene."""
         try:
             save_scene(simulation.scene, self.files.scene)
@@ -176,22 +175,22 @@ class RunWriter:
         except OSError as error:
             raise self._error(simulation, error) from error
 
-    def _plan(self, simulation: Simulation) -> None:
+    def _plan(self, simulation: Observed) -> None:
         """Find the step at which the next save is due, and from which its speed is measured."""
-        dt, steps = simulation.scene.numerics.dt, simulation.engine.steps
+        dt, steps = simulation.scene.numerics.dt, simulation.steps
         passed = np.floor(steps * dt / self.every + 1e-9)
         self._due = max(int(np.ceil((passed + 1) * self.every / dt - 1e-6)), steps + 1)
         self._measured_from = self._due - check_interval(dt)
 
-    def _save(self, simulation: Simulation, anew: bool = False) -> None:
+    def _save(self, simulation: Observed, anew: bool = False) -> None:
         """Save, unless the last save is of this step; `anew`, also then."""
-        if simulation.engine.steps == self._saved and not anew:
+        if simulation.steps == self._saved and not anew:
             return
         number = self._number + 1
-        measured = _measured(simulation)
+        measured = simulation.measured()
         speeds = self._speeds(simulation, measured.centroid)
         events = "; ".join(text for _, text in simulation.events[self._told[-1][1] :])
-        state = self._other.submit(simulation.snapshot().write, self.files.restart(number))
+        state = self._other.submit(simulation.checkpoint().write, self.files.restart(number))
         try:
             with replacing(self.files.save(number)) as partial:
                 write_save(partial, simulation, measured, speeds, events, self.fields, self.labels)
@@ -200,11 +199,11 @@ class RunWriter:
             self._failed = True
             raise self._error(simulation, error) from error
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
-        self._number, self._saved = number, simulation.engine.steps
-        self._told.append((simulation.engine.steps, len(simulation.events)))
+        self._number, self._saved = number, simulation.steps
+        self._told.append((simulation.steps, len(simulation.events)))
         self._marks.append(_Since(simulation, measured.centroid))
 
-    def _speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> Any:
+    def _speeds(self, simulation: Observed, centroids: NDArray[np.float64]) -> Any:
         """(N,) speeds since the last mark that lies in the past; NaN where there is none."""
         marks = [mark for mark in self._marks if mark.time < simulation.time]
         if not marks:
@@ -217,7 +216,7 @@ class RunWriter:
             self.files.save(number).unlink()
             number -= 1
 
-    def _error(self, simulation: Simulation, error: OSError) -> SaveError:
+    def _error(self, simulation: Observed, error: OSError) -> SaveError:
         message = (
             f"cannot save t = {simulation.time:g} in {self.directory}: {error.strerror or error}. "
             f"All {len(self.files.saves)} saves before are whole. Make room or allow writing, then "
@@ -229,22 +228,13 @@ class RunWriter:
 class _Since:
     """Where the cells were at some step, to measure their speed from."""
 
-    def __init__(self, simulation: Simulation, centroids: NDArray[np.float64]) -> None:
+    def __init__(self, simulation: Observed, centroids: NDArray[np.float64]) -> None:
         self.time = simulation.time
         self.centroids = dict(zip(simulation.names, centroids, strict=True))
 
-    def speeds(self, simulation: Simulation, centroids: NDArray[np.float64]) -> NDArray[np.float64]:
+    def speeds(self, simulation: Observed, centroids: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) mean speed of each cell since then, µm per time; NaN where it was not there."""
         nowhere = np.full(3, np.nan)
         before = np.array([self.centroids.get(name, nowhere) for name in simulation.names])
         moved = np.linalg.norm(centroids - before, axis=1)
         return np.asarray(moved / (simulation.time - self.time))
-
-
-def _measured(simulation: Simulation) -> Measurement:
-    """Shapes and contacts of all cells, on the simulation's threads."""
-    pool = simulation.engine.pool
-    with simulation.engine.limited_threads():
-        return measure(
-            pool.phi, pool.origin, pool.shape, pool.start, simulation.scene.numerics.spacing
-        )

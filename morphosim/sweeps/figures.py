@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphosim import _validate
-from morphosim.runs.variables import CONTACT_MATRIX, PER_TIME
+from morphosim.runs.schema import CONTACT_MATRIX, PER_TIME
 
 if TYPE_CHECKING:
     import xarray as xr

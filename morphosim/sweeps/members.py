@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from morphosim.accessor import open_run
 from morphosim.errors import SimulationError
-from morphosim.library import built_in_scene
-from morphosim.runs.files import RunDirectory
-from morphosim.runs.reader import open_run
+from morphosim.library.built_in import built_in_scene
+from morphosim.runs.directory import RunDirectory
 from morphosim.runs.resume import saved_state
 from morphosim.runs.writer import RunWriter
-from morphosim.scene import Scene
-from morphosim.scenefile import load_scene
-from morphosim.simulation import Simulation
-from morphosim.stability import StabilityWarning
+from morphosim.scene.file import load_scene
+from morphosim.scene.scene import Scene
+from morphosim.scene.stability import StabilityWarning
+from morphosim.simulation.simulation import Simulation
 from morphosim.sweeps.axes import Member, Settings
 from morphosim.sweeps.figures import Figure
 from morphosim.sweeps.store import Store

@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
-from morphosim.library import find_scene
-from morphosim.machine import processor, versions
+from morphosim.library.built_in import find_scene
+from morphosim.library.synnotch import SCENES as RANDOM
 from morphosim.progress import TellWhat, progress_line, silent
-from morphosim.scene import Scene
-from morphosim.scenefile import save_scene
+from morphosim.provenance import processor, versions
+from morphosim.scene.file import save_scene
+from morphosim.scene.scene import Scene
 from morphosim.sweeps.axes import SEED, Plan, make_plan
 from morphosim.sweeps.figures import Figure, make_figures
 from morphosim.sweeps.members import Task
 from morphosim.sweeps.result import RESERVED, assembled
 from morphosim.sweeps.scheduler import cluster_client, local_client, need_dask, results, shares
 from morphosim.sweeps.store import Store
-from morphosim.synnotch import SCENES as RANDOM
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
-from morphosim.numerics import Numerics
+from morphosim.numerics.parameters import Numerics
 from morphosim.sweeps.axes import Member
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 
 from morphosim._files import PARTIAL, replacing
 from morphosim.errors import SaveError
-from morphosim.runs.files import RunDirectory
+from morphosim.runs.directory import RunDirectory
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -7,7 +7,7 @@ from typing import Any
 
 from morphosim import _validate
 from morphosim._files import toml_table
-from morphosim.library import scene_names
+from morphosim.library.built_in import scene_names
 from morphosim.sweeps.axes import Axis, Range
 
 _KEYS = (

@@ -16,7 +16,7 @@ from morphosim.app.settings import Settings, Source, facts
 from morphosim.app.store import Store
 from morphosim.app.upper import progress_text
 from morphosim.pictures.matrix import contact_matrix
-from morphosim.stability import concerns
+from morphosim.scene.stability import concerns
 
 pytest.importorskip("pyvista", reason="PyVista is not installed")
 

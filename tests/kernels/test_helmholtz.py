@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
+from morphosim.engine.solvers.cosine_transforms import CosineTables
 from morphosim.kernels.helmholtz import COLUMNS, helmholtz_solve
-from morphosim.transforms import CosineTables
 
 from .example_boxes import both_ways, taken
 

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 
+from morphosim.kernels.chebyshev import sweep
 from morphosim.kernels.frames import HALO, strides
 from morphosim.kernels.layout import Boxes
-from morphosim.kernels.relaxation import sweep
 from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
-from morphosim.schemes import largest_eigenvalue, sweep_roots
+from morphosim.numerics.chebyshev import largest_eigenvalue, sweep_roots
 
 from .example_boxes import (
     H,

@@ -9,6 +9,7 @@ from numba import get_num_threads, set_num_threads
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
+from morphosim.engine.solvers.cosine_transforms import CosineTables
 from morphosim.kernels.boxes import BAD, CORE, FACE, N_SURVEYED, TOTAL
 from morphosim.kernels.columns import accumulate
 from morphosim.kernels.forces import right_hand_side
@@ -16,15 +17,8 @@ from morphosim.kernels.frames import frame_size
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import Boxes, Limits, Pairs, Scheme
 from morphosim.kernels.pairs import accumulate_pairs
-from morphosim.kernels.step import (
-    N_FRAMES,
-    accept_all,
-    prepare_all,
-    step_band,
-    step_transform,
-)
-from morphosim.schemes import largest_eigenvalue, sweep_roots
-from morphosim.transforms import CosineTables
+from morphosim.kernels.step import N_FRAMES, accept_all, prepare_all, step_band, step_transform
+from morphosim.numerics.chebyshev import largest_eigenvalue, sweep_roots
 
 from .example_boxes import (
     ORIGINS,

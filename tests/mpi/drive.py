@@ -15,12 +15,12 @@ from mpi4py import MPI
 
 from morphosim import Attraction, Cell, Numerics, Physics, RunWriter, Scene, Simulation, Sphere
 from morphosim.bench import packed_points
-from morphosim.confinement import EllipsoidShell
 from morphosim.errors import SimulationError
-from morphosim.events import CellChange, Differentiation, Division, Removal
-from morphosim.mpi.simulation import DistributedSimulation, RootObserver
-from morphosim.mpi.world import StoppedError
-from morphosim.stages import Duration, QuasiSteady, Stage
+from morphosim.geometry.confinement import EllipsoidShell
+from morphosim.mpi.communicator import StoppedError
+from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
+from morphosim.scene.events import CellChange, Differentiation, Division, Removal
+from morphosim.scene.stages import Duration, QuasiSteady, Stage
 
 COMM = MPI.COMM_WORLD
 ALONE = "--alone" in sys.argv

@@ -7,15 +7,15 @@ import pytest
 from numpy.typing import NDArray
 
 from morphosim.bench import packed_points
-from morphosim.boxes import BoxPool
+from morphosim.engine.box_pool import BoxPool
 from morphosim.kernels.layout import Limits
-from morphosim.kernels.parcels import pack, unpack
-from morphosim.mpi import contents
+from morphosim.kernels.messages import pack, unpack
+from morphosim.mpi import state_transfer as contents
+from morphosim.mpi.communicator import world
 from morphosim.mpi.decompose import owners, work
-from morphosim.mpi.exchange import Parcel, size_of
-from morphosim.mpi.neighbours import Portion, Reach, portions
-from morphosim.mpi.rank import RankPool
-from morphosim.mpi.world import world
+from morphosim.mpi.ghost_exchange import Parcel, size_of
+from morphosim.mpi.ghost_regions import Portion, Reach, portions
+from morphosim.mpi.local_engine import RankPool
 
 
 def boxes(seed: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from morphosim import Cell, Mask, Scene, Sphere, save_scene
-from morphosim.confinement import BoxWalls, EllipsoidShell
-from morphosim.fields import CellField
+from morphosim.cell_field import CellField
+from morphosim.geometry.confinement import BoxWalls, EllipsoidShell
 from morphosim.pictures.meshes import (
     CellMesh,
     cell_meshes,

@@ -21,9 +21,9 @@ from morphosim import (
     Sphere,
     open_run,
 )
-from morphosim.runs.files import RunDirectory
-from morphosim.scenefile import save_scene
-from morphosim.snapshot import Snapshot
+from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.directory import RunDirectory
+from morphosim.scene.file import save_scene
 
 KILLED_AT = """
 import os, signal, sys
@@ -54,9 +54,9 @@ def scene() -> Scene:
     )  # fmt: skip
 
 
-def final_state(folder: Path) -> Snapshot:
+def final_state(folder: Path) -> Checkpoint:
     files = RunDirectory(folder)
-    return Snapshot.read(files.restart(files.last))
+    return Checkpoint.read(files.restart(files.last))
 
 
 def call(*words: object) -> int:

@@ -19,8 +19,10 @@ from morphosim import (
     open_run,
     pack,
 )
-from morphosim.runs import lazy, merge, savefile
-from morphosim.runs.variables import CONTACT_MATRIX
+from morphosim.runs import lazy_concat as lazy
+from morphosim.runs import merge
+from morphosim.runs import save_file as savefile
+from morphosim.runs.schema import CONTACT_MATRIX
 
 
 def simulation(names: str = "abc", **options: object) -> Simulation:

@@ -24,9 +24,9 @@ from morphosim import (
     load_scene,
     open_run,
 )
-from morphosim.events import CellChange, Division
-from morphosim.snapshot import Snapshot
-from morphosim.stages import Duration, Stage
+from morphosim.runs.checkpoint import Checkpoint
+from morphosim.scene.events import CellChange, Division
+from morphosim.scene.stages import Duration, Stage
 
 from ..helpers import EXPECTED_TO_FAIL
 
@@ -54,7 +54,7 @@ def run(chosen: Scene, folder: Path, until: float | None = None) -> Simulation:
 
 
 def assert_same_state(a: Simulation, b: Simulation) -> None:
-    first, second = a.snapshot(), b.snapshot()
+    first, second = a.checkpoint(), b.checkpoint()
     assert first.arrays.keys() == second.arrays.keys()
     for name, values in first.arrays.items():
         np.testing.assert_array_equal(values, second.arrays[name], err_msg=name)
@@ -119,7 +119,7 @@ def test_what_a_killed_process_leaves_is_cleared_away(tmp_path: Path) -> None:
     assert names == {"lock", "scene.toml", "restart-000002.npz"} | {
         f"save-00000{k}.nc" for k in range(3)
     }
-    assert Snapshot.read(tmp_path / "restart-000002.npz").steps == 20
+    assert Checkpoint.read(tmp_path / "restart-000002.npz").steps == 20
 
 
 def test_two_runs_into_one_directory_are_refused(tmp_path: Path) -> None:
@@ -222,13 +222,13 @@ def test_no_run_and_no_scene(tmp_path: Path) -> None:
 def test_a_snapshot_of_another_version_is_refused(tmp_path: Path) -> None:
     simulation = Simulation(scene())
     path = tmp_path / "state.npz"
-    simulation.snapshot().write(path)
+    simulation.checkpoint().write(path)
     with np.load(path) as file:
         arrays = {name: file[name] for name in file.files}
     arrays["facts"] = np.array(str(arrays["facts"]).replace('"format": 1', '"format": 0'))
     np.savez(path, **arrays)
     with pytest.raises(ValueError, match="another version"):
-        Snapshot.read(path)
+        Checkpoint.read(path)
 
 
 # --- branches ----------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from morphosim import (
     load_scene,
     open_run,
 )
-from morphosim.labels import label_image
+from morphosim.measure.label_image import label_image
 
 
 def scene(**options: object) -> Scene:

@@ -97,7 +97,7 @@ def test_wrong_choices_fail_before_the_first_member(
 
 
 def test_cores_are_shared_without_more_threads_than_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("morphosim.numerics.Numerics.worker_count", 8)
+    monkeypatch.setattr("morphosim.numerics.parameters.Numerics.worker_count", 8)
     assert shares(100, None, None) == (8, 1)
     assert shares(2, None, None) == (2, 4)
     assert shares(100, None, 3) == (2, 3)

@@ -1,0 +1,1 @@
+"""The state of all cells and the step that advances it; knows no scene."""

@@ -1,0 +1,223 @@
+"""Which columns exist: where frames of two cells meet, or where the confinement acts."""
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, lay_tiles
+from morphosim.kernels.frames import HALO, frame_shapes
+from morphosim.kernels.layout import ColumnLists, Columns
+from morphosim.physics.confinement_repulsion import Repulsion
+
+SHIFTS = np.array([SHIFT, SHIFT, 5])
+TILE_SHAPE = (WIDTH, WIDTH, 32)
+"""Columns consist of such tiles, on which the confinement is evaluated."""
+_BITS = 21
+_OFFSET = 1 << (_BITS - 1)
+"""Added to tile coordinates so that three of them pack into one non-negative int64 key."""
+_ABSENT = 1e-6
+"""A tile with g_e φ_e² below this everywhere has no confinement."""
+MOST_AT_ONCE = 512
+"""Tiles on which the confinement is evaluated together."""
+_LAST = np.iinfo(np.int64).max
+"""A key beyond those of all tiles."""
+Integers = NDArray[np.int64]
+
+
+def pack(tiles: Integers) -> Integers:
+    """One key per tile, ordered as (x, y, z) are; neighbours along z differ by 1."""
+    x, y, z = (tiles + _OFFSET).T
+    return np.asarray((x << (2 * _BITS)) | (y << _BITS) | z)
+
+
+def unpack(keys: Integers) -> Integers:
+    """Tile coordinates of keys."""
+    mask = (1 << _BITS) - 1
+    return np.stack([keys >> (2 * _BITS), (keys >> _BITS) & mask, keys & mask], axis=1) - _OFFSET
+
+
+class Background:
+    """The confinement's g_e φ_e² (see `walls`) on tiles, evaluated once per tile."""
+
+    def __init__(self, repulsion: Repulsion, spacing: float, dtype: DTypeLike) -> None:
+        self._repulsion, self._spacing = repulsion, spacing
+        self._keys = np.array([_LAST])  # sorted
+        self._slots = np.array([-1])
+        self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
+
+    def acts(self, begin: Integers, end: Integers) -> NDArray[np.bool_]:
+        """Whether the confinement acts in each column of tiles [begin, end)."""
+        depth = end - begin
+        slots = self._slots_of(_tiles_of(begin, depth))
+        return np.logical_or.reduceat(slots >= 0, np.cumsum(depth) - depth)
+
+    def fill(self, begin: Integers, length: Integers, out: NDArray[np.floating]) -> None:
+        """Values of columns (ROWS, length), one after the other, that begin with these tiles."""
+        depth = length // TILE_SHAPE[2]
+        lay_tiles(self._tiles, self._slots_of(_tiles_of(begin, depth)), depth, out)
+
+    def _slots_of(self, keys: Integers) -> Integers:
+        """Places of tiles in `_tiles`; -1 for those where the confinement does not act."""
+        place = np.searchsorted(self._keys, keys)
+        unknown = self._keys[place] != keys
+        if unknown.any():
+            new = np.unique(keys[unknown])
+            for part in np.array_split(new, -(-len(new) // MOST_AT_ONCE)):
+                self._evaluate(part)
+            place = np.searchsorted(self._keys, keys)
+        return np.asarray(self._slots[place])
+
+    def _evaluate(self, keys: Integers) -> None:
+        corners = unpack(keys) << SHIFTS
+        axes = []
+        for axis, n in enumerate(TILE_SHAPE):
+            shape = [len(keys), 1, 1, 1]
+            shape[axis + 1] = n
+            points = corners[:, axis, None] + np.arange(n)
+            axes.append((points * self._spacing).reshape(shape))
+        values = np.broadcast_to(self._repulsion(*axes), (len(keys), *TILE_SHAPE))
+        if not np.isfinite(values).all():
+            message = "the confinement's field is not finite everywhere; φ_e must be 0 … 1"
+            raise ValueError(message)
+        acts = values.reshape(len(keys), -1).max(axis=1) > _ABSENT
+        slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
+        tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)
+        self._tiles = np.concatenate([self._tiles, tiles])
+        order = np.argsort(np.concatenate([self._keys, keys]))
+        self._keys = np.concatenate([self._keys, keys])[order]
+        self._slots = np.concatenate([self._slots, slots])[order]
+
+
+def _tiles_of(begin: Integers, depth: Integers) -> Integers:
+    """Keys of all tiles of columns that begin with these tiles and have `depth` of them."""
+    starts = np.cumsum(depth) - depth
+    return np.repeat(begin - starts, depth) + np.arange(depth.sum())
+
+
+class ColumnCover:
+    """The columns of the present boxes, rebuilt when a frame covers other tiles than before.
+
+    Parameters
+    ----------
+    dtype : type of the fields
+    threads : number of threads that share the columns
+    n_types : cell types with accumulated potentials; 0 without attraction by type
+    background : Background or None
+
+    Attributes
+    ----------
+    columns : Columns
+    lists : ColumnLists
+    """
+
+    columns: Columns
+    lists: ColumnLists
+
+    def __init__(
+        self, dtype: DTypeLike, threads: int, n_types: int, background: Background | None
+    ) -> None:
+        self._dtype = np.dtype(dtype)
+        self._threads, self._n_types, self._background = threads, n_types, background
+        self._first = self._end = np.zeros((0, 3), np.int64)
+        self._low = np.zeros(0, np.int64)
+        self._pools: dict[str, NDArray[np.floating]] = {}
+
+    def update(self, origin: Integers, shape: Integers) -> None:
+        """Make `columns` and `lists` fit the boxes."""
+        low = origin - HALO
+        first, end = low >> SHIFTS, (low + frame_shapes(shape) - 1 >> SHIFTS) + 1
+        same_tiles = np.array_equal(first, self._first) and np.array_equal(end, self._end)
+        if same_tiles and np.array_equal(low[:, 2], self._low):
+            return
+        self._first, self._end, self._low = first, end, low[:, 2].copy()
+
+        # Every column of every frame: whose it is, its place, and its tiles [bottom, top) as keys.
+        width = (end - first)[:, :2]
+        per_cell = width.prod(axis=1)
+        cover_start = np.cumsum(per_cell) - per_cell
+        owner = np.repeat(np.arange(len(origin)), per_cell)
+        number = np.arange(len(owner)) - cover_start[owner]
+        place = first[owner]
+        place[:, :2] += np.stack(np.divmod(number, width[owner, 1]), axis=1)
+        bottom = pack(place)
+        top = bottom + (end - first)[owner, 2]
+
+        # Those that overlap along z hang together.
+        order = np.argsort(bottom, kind="stable")
+        reached = np.maximum.accumulate(top[order])
+        opens = np.concatenate([[True], bottom[order][1:] >= reached[:-1]])
+        begin = bottom[order][opens]
+        final = reached[np.concatenate([np.flatnonzero(opens)[1:] - 1, [len(order) - 1]])]
+        group = np.empty(len(owner), np.int64)
+        group[order] = np.cumsum(opens) - 1
+
+        needed = np.bincount(group) > 1
+        if self._background is not None:
+            needed |= self._background.acts(begin, final)
+        length = (final - begin) * TILE_SHAPE[2]
+        points = np.where(needed, ROWS * length, 0)
+        start = np.where(needed, np.cumsum(points) - points, -1)
+
+        corner = unpack(begin) << SHIFTS
+        cover = np.stack(
+            [start[group], length[group], low[owner, 2] - corner[group, 2]], axis=1
+        ).astype(np.int64)
+        felt = np.zeros(len(origin), bool)
+        felt[owner[needed[group]]] = True
+        rank = np.where(needed, np.cumsum(needed) - 1, -1)
+        self.lists = self._make_lists(
+            start[needed], length[needed], corner[needed], rank[group], owner
+        )
+        self.columns = Columns(
+            cover_start=cover_start,
+            cover=cover,
+            felt=felt,
+            background=self._filled_background(begin[needed], length[needed]),
+            repulsion=self._pool("repulsion", int(points.sum())),
+            potential=(
+                self._pool("potential", int(points.sum()) * self._n_types)
+                if self._n_types
+                else None
+            ),
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the columns' sums."""
+        return sum(pool.nbytes for pool in self._pools.values())
+
+    def _pool(self, name: str, points: int) -> NDArray[np.floating]:
+        pool = self._pools.get(name)
+        if pool is None or len(pool) < points:
+            pool = np.zeros(points + points // 8, self._dtype)
+            self._pools[name] = pool
+        return pool
+
+    def _filled_background(self, begin: Integers, length: Integers) -> NDArray[np.floating] | None:
+        """The confinement on the columns that begin with these tiles."""
+        if self._background is None:
+            return None
+        values = self._pool("background", ROWS * int(length.sum()))
+        self._background.fill(begin, length, values)
+        return values
+
+    def _make_lists(
+        self, start: Integers, length: Integers, corner: Integers, column: Integers, owner: Integers
+    ) -> ColumnLists:
+        """Cells over each column, in the order of their numbers, and each thread's share.
+
+        `column` (K,) tells the column of each entry of the cover, -1 for none, and `owner` (K,)
+        its cell.
+        """
+        order = np.argsort(column, kind="stable")
+        order = order[np.searchsorted(column[order], 0) :]
+        cell_start = np.searchsorted(column[order], np.arange(len(start) + 1))
+        load = np.concatenate([[0], np.cumsum(length * np.diff(cell_start))])
+        share = np.linspace(0, load[-1], self._threads + 1)
+        return ColumnLists(
+            bounds=np.searchsorted(load, share).astype(np.int64),
+            start=start,
+            length=length,
+            corner=corner,
+            cell_start=cell_start.astype(np.int64),
+            cells=owner[order],
+        )

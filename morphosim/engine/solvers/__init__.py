@@ -1,0 +1,1 @@
+"""How the implicit part of a step is solved: cosine transforms, or iterations on the band."""

@@ -1,0 +1,1 @@
+"""Where cells start and what confines them: shapes, walls, partitions, start fields."""

@@ -1,0 +1,16 @@
+"""Lineages: who divides when, along which axis and into which volumes."""
+
+from morphosim.importers.lineage.contacts import CONTACT_STAGES, contact_areas, contacts
+from morphosim.importers.lineage.table import read_lineage
+from morphosim.importers.lineage.tree import DivisionGroup, Lineage, LineageCell, Split
+
+__all__ = [
+    "CONTACT_STAGES",
+    "DivisionGroup",
+    "Lineage",
+    "LineageCell",
+    "Split",
+    "contact_areas",
+    "contacts",
+    "read_lineage",
+]

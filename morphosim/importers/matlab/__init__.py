@@ -1,0 +1,1 @@
+"""Files of the published MATLAB program."""

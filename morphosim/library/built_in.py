@@ -1,0 +1,62 @@
+"""Built-in scenes, by name: files, and functions that make them of tables."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.resources import as_file, files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from morphosim import _validate
+from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
+from morphosim.library.synnotch import SCENES as RANDOM
+from morphosim.scene.file import load_scene, save_scene
+from morphosim.scene.scene import Scene
+
+_FOLDER = files("morphosim.library.data")
+MADE: dict[str, Callable[[], Scene]] = {
+    "celegans-1-to-8": celegans_1_to_8,
+    "celegans-1-to-8-strong": partial(celegans_1_to_8, weak=False),
+    "celegans-1-to-102": celegans_1_to_102,
+}
+"""Scenes that functions make."""
+
+
+def scene_names() -> list[str]:
+    """Names of the built-in scenes."""
+    stored = [Path(f.name).stem for f in _FOLDER.iterdir() if f.name.endswith(".toml")]
+    return sorted([*stored, *MADE, *RANDOM])
+
+
+def built_in_scene(name: str, overrides: Mapping[str, Any] | None = None) -> Scene:
+    """Built-in scene; ValueError lists the known ones if there is none of this name.
+
+    Where a scene's start is random, "numerics.seed" among the overrides is its seed too.
+    """
+    _validate.choice("scene", name, scene_names())
+    if name in MADE:
+        return _made(MADE[name](), overrides)
+    if name in RANDOM:
+        return _made(RANDOM[name]((overrides or {}).get("numerics.seed", 0)), overrides)
+    with as_file(_FOLDER / f"{name}.toml") as path:
+        return load_scene(path, overrides)
+
+
+def _made(scene: Scene, overrides: Mapping[str, Any] | None) -> Scene:
+    """Scene with values replaced as those of a file are."""
+    if not overrides:
+        return scene
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        save_scene(scene, path)
+        return load_scene(path, overrides)
+
+
+def find_scene(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> Scene:
+    """Scene file if the text is the path of one (or of its directory), else built-in scene."""
+    path = Path(name_or_path)
+    if path.is_dir():
+        path = path / "scene.toml"
+    if path.suffix == ".toml":
+        return load_scene(path, overrides)
+    return built_in_scene(name_or_path, overrides)

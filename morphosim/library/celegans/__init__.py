@@ -1,0 +1,1 @@
+"""Scenes of the C. elegans embryo, and the quality control of the paper."""

@@ -1,0 +1,1 @@
+"""What is measured of fields: volumes, shapes, surfaces, contacts, aggregates."""

@@ -1,0 +1,165 @@
+"""What is asked of all cells, gathered from the ranks that have it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.cell_field import CellField
+from morphosim.engine.box_pool import BoxPool
+from morphosim.kernels.boxes import CORE, TOTAL
+from morphosim.measure.measurement import centroids
+from morphosim.mpi import state_transfer as states
+from morphosim.mpi.local_engine import RankEngine, Roll
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+
+class Gatherer:
+    """Figures and fields of all cells, gathered when they are asked for.
+
+    By default all ranks ask, and all get them. Within `alone` rank 0 asks and gets, while the
+    others are in `serve`.
+
+    Parameters
+    ----------
+    comm : communicator of all ranks
+    local : RankEngine
+    roll : Roll
+    """
+
+    def __init__(self, comm: "Comm", local: RankEngine, roll: Roll) -> None:
+        self.comm, self.local, self._roll = comm, local, roll
+        self._alone = False
+        self._kept: dict[str, Any] = {}
+        self._next_id = len(roll.names)
+
+    @property
+    def _volume(self) -> float:
+        return float(self.local.numerics.spacing**3)
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """∫ φ of each cell, µm³."""
+        return np.asarray(self._table["surveys"][:, TOTAL] * self._volume)
+
+    @property
+    def core_volumes(self) -> NDArray[np.float64]:
+        """Volume where φ exceeds 1/2, of each cell, µm³."""
+        return np.asarray(self._table["surveys"][:, CORE] * self._volume)
+
+    @property
+    def lost_volume(self) -> NDArray[np.float64]:
+        """See `Engine`."""
+        return np.asarray(self._table["lost"] * self._volume)
+
+    @property
+    def face_peak(self) -> NDArray[np.float64]:
+        """See `Engine`."""
+        return np.asarray(self._table["face_peak"])
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """(N, 3) centroids of all cells, µm."""
+        return np.asarray(self._gathered("gather_centroids"))
+
+    @property
+    def pool(self) -> BoxPool:
+        """Copy of all fields."""
+        return cast(BoxPool, self._gathered("gather_state")[1])
+
+    @property
+    def _table(self) -> dict[str, NDArray]:
+        return cast(dict[str, NDArray], self._gathered("gather_table"))
+
+    def contents(self) -> dict[str, NDArray]:
+        """See `Engine`: of all cells."""
+        state: dict[str, NDArray] = self._gathered("gather_state")[0]
+        return state | {
+            "ids": self._roll.ids.copy(), "next_id": np.array(self._next_id),
+        }  # fmt: skip
+
+    @property
+    def owner(self) -> NDArray[np.int64]:
+        """(N,) rank of each cell."""
+        raise NotImplementedError
+
+    def field(self, i: int) -> CellField:
+        """Copy of one cell's field, on all ranks."""
+        if self._alone:
+            return CellField(self._roll.names[i], self.pool.origin[i], self.pool.box(i))
+        owner = int(self.owner[i])
+        sent = None
+        if owner == self.comm.rank:
+            place = int(np.searchsorted(self.local.rows, i))
+            sent = self.local.pool.origin[place], self.local.pool.box(place).copy()
+        origin, phi = self.comm.bcast(sent, owner)
+        return CellField(self._roll.names[i], origin, phi)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """On rank 0: go on alone; what is asked for then, the others give from `serve`."""
+        self._alone = True
+        before = dict(self._kept)
+        try:
+            yield
+        finally:
+            self._alone = False
+            self._kept = before
+            self.comm.bcast(None)
+
+    def serve(self) -> None:
+        """On the other ranks: give rank 0 what it asks for, until it leaves `alone`."""
+        while (what := self.comm.bcast(None)) is not None:
+            getattr(self, what)(everyone=False)
+
+    def gather_table(self, everyone: bool) -> dict[str, NDArray] | None:
+        """Surveys and certificate of all cells."""
+        local, own = self.local, self.local.owned
+        part = {
+            "rows": local.rows[own], "surveys": local.pool.surveys[own],
+            "lost": local.pool.lost[own], "face_peak": local.face_peak[own],
+        }  # fmt: skip
+        parts = states.gather(self.comm, part, everyone)
+        return None if parts is None else _in_order(parts)
+
+    def gather_centroids(self, everyone: bool) -> NDArray[np.float64] | None:
+        """Centroids of all cells."""
+        pool, own = self.local.pool, self.local.owned
+        found = np.zeros((0, 3))
+        if len(own):
+            boxes = pool.origin[own], pool.shape[own], pool.start[own]
+            found = centroids(pool.phi, *boxes, self.local.numerics.spacing)
+        part = {"rows": self.local.rows[own], "centroids": found}
+        parts = states.gather(self.comm, part, everyone)
+        return None if parts is None else _in_order(parts)["centroids"]
+
+    def gather_state(self, everyone: bool) -> tuple[dict[str, NDArray], BoxPool] | None:
+        """State of all cells, and a pool that holds it."""
+        rows = self.local.rows[self.local.own]
+        part = self.local.part(rows) if len(rows) else {"rows": rows}
+        parts = states.gather(self.comm, part, everyone)
+        if parts is None:
+            return None
+        state, like = states.merge(parts), self.local.pool
+        del parts, part
+        pool = BoxPool(like.dtype, like.limits, like.history is not None, like.band_only)
+        pool.restore(state)
+        return state, pool
+
+    def _gathered(self, what: str) -> Any:
+        """What one of the functions above gives, kept until the state changes."""
+        if what not in self._kept:
+            if self._alone:
+                self.comm.bcast(what)
+            self._kept[what] = getattr(self, what)(everyone=not self._alone)
+        return self._kept[what]
+
+
+def _in_order(parts: Sequence[states.State]) -> dict[str, NDArray]:
+    """Arrays with a row per cell, put together in the order of the cells."""
+    order = np.argsort(np.concatenate([part["rows"] for part in parts]))
+    return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}

@@ -1,0 +1,1 @@
+"""How the equations are solved: parameters and time integration schemes."""

@@ -1,0 +1,47 @@
+"""Chebyshev iterations towards the solution of (lhs - γΔ) φ = rhs: their number and weights."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
+
+CONVERGENCE = 0.6
+"""Least reduction of every error by the sweeps of a step."""
+MORE_WITHOUT_HISTORY = 2
+"""Sweeps in addition, where there is no history to start from."""
+
+
+def largest_eigenvalue(order: int, spacing: float) -> float:
+    """Largest eigenvalue of -Δ by the stencil of this order, in three dimensions."""
+    weights = LAPLACIAN_COEFFICIENTS[order]
+    alternating = sum(w * (-1) ** m for m, w in enumerate(weights[1:], 1))
+    return float(-3 * (weights[0] + 2 * alternating) / spacing**2)
+
+
+def sweep_roots(lhs: float, interface: float, top: float, sweeps: int) -> NDArray[np.float64]:
+    """Roots λ of the error polynomial Π (1 - a/λ) of the sweeps over eigenvalues a of lhs - γΔ.
+
+    It is the Chebyshev polynomial of an interval that ends at lhs + `top` and begins such that its
+    first root is lhs + `interface`: the eigenvalue of what the sweeps mostly correct, a moving
+    interface. There the error vanishes; elsewhere it is reduced at least by `CONVERGENCE`.
+
+    Parameters
+    ----------
+    lhs : float
+    interface : float
+        γ k² of the interface; with its tail exp(-√(2c) d), about γ c.
+    top : float
+        Largest eigenvalue of -γΔ.
+    sweeps : int
+        Least number of roots; more are taken where they are needed.
+    """
+    high = lhs + top
+    while True:
+        share = 0.5 * (1 - np.cos(0.5 * np.pi / sweeps))
+        low = (lhs + interface - share * high) / (1 - share)
+        if low > 0:
+            middle, half = 0.5 * (high + low), 0.5 * (high - low)
+            if np.cosh(sweeps * np.arccosh(middle / half)) >= 1 / CONVERGENCE:
+                angles = np.pi * (np.arange(sweeps) + 0.5) / sweeps
+                return np.asarray(middle - half * np.cos(angles))
+        sweeps += 1

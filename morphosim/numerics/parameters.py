@@ -1,0 +1,156 @@
+"""How the equations are solved: the knobs that trade speed for accuracy."""
+
+import os
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from morphosim import _validate
+
+SCHEMES = ("bdf2", "imex1", "euler")
+SOLVERS = ("dct", "band")
+PRECISIONS = ("single", "double")
+TRANSFORMS = ("matrix", "pyfftw", "scipy")
+LAPLACIANS = ("exact", "stencil")
+WALLS = ("resolved", "stepped")
+PRESETS: dict[str, dict[str, Any]] = {
+    "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
+    "fast": {"solver": "band"},
+    "standard": {},
+    "reference": {"dt": 0.5, "spacing": 1 / 3},
+    "published": {"S": 12.0, "walls": "stepped"},
+}
+"""What differs from the defaults; measured by `benchmarks/accuracy.py`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Numerics:
+    """Numerical parameters.
+
+    Attributes
+    ----------
+    dt : float
+        Time step δt, *in silico* time.
+    S : float
+        Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
+        "euler". See `stability.least_S`: walls that are not resolved need 12 to 14 at δt = 2.
+    scheme : {"bdf2", "imex1", "euler"}
+        Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), or explicit Euler.
+    start_S : float, optional
+        Stabilisation of the first step of "bdf2"; by default S, as published. S acts as inertia:
+        after a stabilised start velocities take S δt/τ steps to build up. Start a smooth state
+        that is already in motion with 0.
+    solver : {"dct", "band"}
+        How the implicit step is solved: exactly, by cosine transforms of each box, or by `sweeps`
+        over the band, the rows where the field is not 0. Not used by "euler", which is explicit
+        and works on the band.
+    sweeps : int
+        Least number of sweeps of the "band" solver; more are taken where fewer would not converge
+        (see `schemes.sweep_roots`).
+    spacing : float
+        Lattice spacing in µm.
+    order : {2, 4, 6}
+        Order of the gradient stencil.
+    laplacian : {"exact", "stencil"}
+        Symbol of the "dct" solver's Laplacian: -k², or that of the second-difference stencil of
+        `order`, which the band always has.
+    walls : {"resolved", "stepped"}
+        How a hard wall (a confinement whose `width` is 0) lies on the lattice: as a wall that the
+        lattice resolves and that repels alike (see `walls`), or, as published, as 0 or 1 at each
+        lattice point. Other confinements are taken as they are.
+    box_tolerance : float
+        Largest |φ| allowed on the faces of a cell's box. The band, where gradients are evaluated
+        and neighbours are felt, is where |φ| exceeds it.
+    precision : {"single", "double"}
+        Type of the fields, and of sums along a row of a box; rows are summed in double.
+    transform : {"matrix", "pyfftw", "scipy"}
+        Cosine transform of the "dct" solver: dense matrices through BLAS, FFTW or SciPy.
+    threads : int
+        Number of threads; 0 takes all the processors available. The result does not depend on it.
+    seed : int
+        Seed of the motility noise.
+    allow_coarse : bool
+        Whether to run where the lattice does not resolve the interface.
+
+    Raises
+    ------
+    ValueError
+        A value is out of range; the message names it and what is allowed.
+    """
+
+    dt: float = 2.0
+    S: float = 6.0
+    scheme: str = "bdf2"
+    start_S: float | None = None
+    solver: str = "dct"
+    sweeps: int = 2
+    spacing: float = 0.5
+    order: int = 6
+    laplacian: str = "exact"
+    walls: str = "resolved"
+    box_tolerance: float = 1e-3
+    precision: str = "single"
+    transform: str = "matrix"
+    threads: int = 0
+    seed: int = 0
+    allow_coarse: bool = False
+
+    def __post_init__(self) -> None:
+        _validate.number("numerics.dt", self.dt, above=0)
+        _validate.number("numerics.S", self.S, least=0)
+        _validate.choice("numerics.scheme", self.scheme, SCHEMES)
+        if self.start_S is not None:
+            _validate.number("numerics.start_S", self.start_S, least=0)
+        _validate.choice("numerics.solver", self.solver, SOLVERS)
+        _validate.integer("numerics.sweeps", self.sweeps, least=2)
+        _validate.number("numerics.spacing", self.spacing, above=0)
+        _validate.choice("numerics.order", self.order, (2, 4, 6))
+        _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
+        _validate.choice("numerics.walls", self.walls, WALLS)
+        _validate.number("numerics.box_tolerance", self.box_tolerance, above=0, most=0.1)
+        _validate.choice("numerics.precision", self.precision, PRECISIONS)
+        _validate.choice("numerics.transform", self.transform, TRANSFORMS)
+        _validate.integer("numerics.threads", self.threads, least=0)
+        _validate.integer("numerics.seed", self.seed, least=0)
+        _validate.flag("numerics.allow_coarse", self.allow_coarse)
+
+    @classmethod
+    def preset(cls, name: str, **changes: Any) -> Self:
+        """Numerics of a known accuracy and speed.
+
+        Error of the eight-cell embryo's centroids (root mean square) at t = 480, and time relative
+        to "standard", measured by `benchmarks/accuracy.py`:
+
+        - "draft": h = 2/3 µm, δt = 4, box tolerance 3e-3; 66 nm, 0.26 times
+        - "fast": "standard" with the band solver; within 3 nm of it, 0.5 times
+        - "standard": the defaults; 24 nm
+        - "reference": h = 1/3 µm, δt = 0.5; 2.4 nm, 15 times
+        - "published": S = 12, stepped walls, as the published program; 102 nm, 1.2 times
+
+        Parameters
+        ----------
+        name : {"draft", "fast", "standard", "reference", "published"}
+        **changes
+            Values that differ from the preset.
+
+        Raises
+        ------
+        ValueError
+            The name is not known, or a value is out of range.
+        """
+        _validate.choice("preset", name, tuple(PRESETS))
+        return cls(**(PRESETS[name] | changes))
+
+    @property
+    def worker_count(self) -> int:
+        """Number of threads to use: `threads`, or the processors available to this process."""
+        if self.threads:
+            return self.threads
+        if hasattr(os, "sched_getaffinity"):
+            return len(os.sched_getaffinity(0))
+        return os.cpu_count() or 1
+
+    def steps_to(self, time: float) -> int:
+        """Number of steps of δt that reach an *in silico* time."""
+        return int(np.ceil(time / self.dt - 1e-9))

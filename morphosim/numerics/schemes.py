@@ -1,0 +1,35 @@
+"""Time integration: coefficients of the schemes (Eq. 6, 8, 9, Supplementary Note 2).
+
+Every implicit scheme here is (lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ with Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ, so
+that one history array H carries all that Eq. 9 needs of φⁿ⁻¹ and Fⁿ⁻¹.
+
+The "band" solver sweeps towards φⁿ⁺¹ from e0 φⁿ + e1 (Hⁿ + Fⁿ). With history that is
+2 φⁿ - φⁿ⁻¹ + (Fⁿ - Fⁿ⁻¹) / (τ / 2δt + S), close to the extrapolation 2 φⁿ - φⁿ⁻¹, and costs no
+memory. Without history it is φⁿ, and takes more sweeps. Explicit Euler is one sweep of weight δt/τ
+from φⁿ with lhs = 0 and the right-hand side F.
+"""
+
+from morphosim.numerics.parameters import Numerics
+
+
+def coefficients(numerics: Numerics, tau: float, first: bool) -> dict[str, float]:
+    """lhs, a0, a1, b0, b1, e0, e1 of one step.
+
+    Parameters
+    ----------
+    numerics : Numerics
+    tau : float
+        Viscosity τ.
+    first : bool
+        Whether the scheme has no history yet; "bdf2" then takes a step by Eq. 8.
+    """
+    rate, S = tau / numerics.dt, numerics.S
+    if numerics.scheme == "euler":
+        return {"lhs": 0.0, "a0": 0.0, "a1": 1.0, "b0": 0.0, "b1": 0.0, "e0": 1.0, "e1": 0.0}
+    history = {"b0": -(rate / 2 + S), "b1": -1.0}
+    if numerics.scheme == "bdf2" and not first:
+        extrapolation = {"e0": 2.0, "e1": 1 / (rate / 2 + S)}
+        return {"lhs": 1.5 * rate + S, "a0": 2 * rate + 2 * S, "a1": 2.0} | history | extrapolation
+    if numerics.scheme == "bdf2" and numerics.start_S is not None:
+        S = numerics.start_S
+    return {"lhs": rate + S, "a0": rate + S, "a1": 1.0, "e0": 1.0, "e1": 0.0} | history

@@ -1,0 +1,1 @@
+"""What acts on cells: parameters, and one file for each force term."""

@@ -1,0 +1,101 @@
+"""How strongly a confinement repels at lattice points: g_e φ_e² of Eq. 3.
+
+A hard wall is 0 or 1 from one lattice point to the next, so on the lattice its place is uncertain
+by half a spacing. `numerics.walls = "resolved"` replaces it by a wall that the lattice resolves and
+that repels alike. Behind a hard wall φ decays over ℓ = √(γ/g_e), so from inside φ appears to vanish
+at ℓ behind the wall. The resolved wall is logistic, g' / (1 + exp((s - z)/a)) with z > 0 behind the
+hard wall. There the solution of γ φ'' = w φ is a hypergeometric function, and φ appears to vanish
+at s - a (2γ_E + ψ(ν) + ψ(1 + ν)), ν = a/ℓ', ℓ' = √(γ/g'), with Euler's constant γ_E and the
+digamma function ψ. The shift s equates the two. As ℓ' does not matter then, it is at least half a
+spacing: a stronger wall needs a larger S. The match leaves out other forces: a cell squeezed so
+hard that its pressure M' (1 - v/V) is not small against g' is let further out than by a hard wall.
+γ is that of the cells' mean; where cells differ, the wall of the others is off by some 0.1 µm.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.geometry.confinement import Confinement
+from morphosim.numerics.parameters import Numerics
+
+Floats = NDArray[np.float64]
+Repulsion = Callable[[Floats, Floats, Floats], Floats]
+DIFFUSENESS = 0.3
+"""a of the logistic wall, in lattice spacings."""
+
+
+def wall_repulsion(
+    confinement: Confinement, g_e: float, gamma: float, numerics: Numerics
+) -> Repulsion:
+    """g_e φ_e² as a function of points in µm.
+
+    Walls that are soft in themselves (`width` > 0, images, functions) are taken as they are.
+
+    Parameters
+    ----------
+    confinement : Confinement
+    g_e : float
+        Repulsion (Eq. 3).
+    gamma : float
+        Surface tension, the mean of the cells.
+    numerics : Numerics
+    """
+    if not is_resolved(confinement, numerics):
+        return lambda x, y, z: np.asarray(g_e * confinement.field(x, y, z) ** 2)
+    strength = wall_strength(confinement, g_e, gamma, numerics)
+    diffuseness = DIFFUSENESS * numerics.spacing
+    hard, resolved_decay = (float(np.sqrt(gamma / g)) for g in (g_e, strength))
+    shift = hard - resolved_decay + matching_shift(diffuseness, resolved_decay)
+
+    def resolved(x: Floats, y: Floats, z: Floats) -> Floats:
+        from scipy.special import expit
+
+        depth = distance(confinement, x, y, z, 0.5 * numerics.spacing)
+        return np.asarray(strength * expit(-(depth + shift) / diffuseness))
+
+    return resolved
+
+
+def is_resolved(confinement: Confinement, numerics: Numerics) -> bool:
+    """Whether a hard wall is replaced by one that the lattice resolves."""
+    return numerics.walls == "resolved" and getattr(confinement, "width", None) == 0
+
+
+def wall_strength(confinement: Confinement, g_e: float, gamma: float, numerics: Numerics) -> float:
+    """What g_e φ_e² is at most on the lattice: g' ≤ 4γ/h² where the wall is resolved."""
+    if not is_resolved(confinement, numerics):
+        return g_e
+    return min(g_e, 4 * gamma / numerics.spacing**2)
+
+
+def matching_shift(diffuseness: float, decay: float) -> float:
+    """Place s of a logistic wall behind a hard one of the same strength that repels alike, µm.
+
+    Parameters
+    ----------
+    diffuseness : a, µm
+    decay : ℓ = √(γ/g_e), µm
+    """
+    from scipy.special import digamma
+
+    ratio = diffuseness / decay
+    return float(decay + diffuseness * (2 * np.euler_gamma + digamma(ratio) + digamma(1 + ratio)))
+
+
+def distance(confinement: Confinement, x: Floats, y: Floats, z: Floats, step: float) -> Floats:
+    """Distance to the wall to first order, depth / |∇depth|, positive inside, µm.
+
+    The gradient is a central difference over 2 `step`; where it vanishes, deep inside, depth
+    itself stands in.
+    """
+    depth = confinement.depth(x, y, z)
+    ahead = (x + step, y, z), (x, y + step, z), (x, y, z + step)
+    behind = (x - step, y, z), (x, y - step, z), (x, y, z - step)
+    squares = sum(
+        (confinement.depth(*p) - confinement.depth(*q)) ** 2
+        for p, q in zip(ahead, behind, strict=True)
+    )
+    slope = np.sqrt(squares) / (2 * step)
+    return np.asarray(depth / np.where(slope > 0.1, slope, 1.0))

@@ -1,0 +1,90 @@
+"""A simulation at one time, whole: all that its next step depends on besides the scene."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim._files import guarded, replacing
+
+FORMAT = 1
+"""Version of the file; others are refused."""
+FACTS, BACK = "facts", "back:"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checkpoint:
+    """State of a simulation.
+
+    Attributes
+    ----------
+    cells : what a scene file says of the cells that are alive, in the order of the arrays
+    physics : likewise, of the physics that hold
+    steps : steps taken
+    fresh : whether the next step has no history
+    stage : name of the stage
+    removed : (time, name) of cells that were taken out
+    settings : physics and numerics of the scene, as a scene file says them
+    arrays : what `Engine.contents` gives
+    progress : how far the stages are, see `Progress.facts`; None without stages
+    back : state that the present stage may end with
+    """
+
+    cells: tuple[Mapping[str, Any], ...]
+    physics: Mapping[str, Any]
+    steps: int
+    fresh: bool
+    stage: str
+    removed: tuple[tuple[float, str], ...]
+    settings: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+    progress: Mapping[str, Any] | None = None
+    back: "Checkpoint | None" = None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cells."""
+        return [row["name"] for row in self.cells]
+
+    def write(self, path: Path) -> None:
+        """Write to an .npz file, which appears whole or not at all."""
+        arrays = self._packed("")
+        with replacing(path) as partial, partial.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
+
+    def _packed(self, prefix: str) -> dict[str, NDArray[Any]]:
+        """Arrays of a file, with this before their names."""
+        facts = {f.name: getattr(self, f.name) for f in fields(self)} | {"format": FORMAT}
+        del facts["arrays"], facts["back"]
+        arrays = {prefix + name: value for name, value in self.arrays.items()}
+        arrays[prefix + FACTS] = np.array(json.dumps(facts))
+        return arrays | (self.back._packed(prefix + BACK) if self.back else {})
+
+    @classmethod
+    def read(cls, path: Path) -> "Checkpoint":
+        """Read what `write` wrote; ValueError if it is damaged or of another version."""
+        return cls._unpacked(guarded(path, lambda: _arrays(path)), path)
+
+    @classmethod
+    def _unpacked(cls, arrays: dict[str, NDArray[Any]], path: Path) -> "Checkpoint":
+        facts = json.loads(str(arrays.pop(FACTS)))
+        if facts.pop("format") != FORMAT:
+            message = f"{path} is of another version of the package; go on with that version"
+            raise ValueError(message)
+        facts["cells"] = tuple(facts["cells"])
+        facts["removed"] = tuple((time, name) for time, name in facts["removed"])
+        inner = {
+            name.removeprefix(BACK): arrays.pop(name)
+            for name in list(arrays) if name.startswith(BACK)
+        }  # fmt: skip
+        back = cls._unpacked(inner, path) if inner else None
+        return cls(**facts, arrays=arrays, back=back)
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}

@@ -1,0 +1,131 @@
+"""Parts of a run, read from its Dataset: only what is asked for comes from disk."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from morphosim.runs.saved_fields import SELECTION, SavedBoxes, check_saves, saved_boxes, variable
+
+
+def axes(low: Iterable[int], shape: Iterable[int], spacing: float) -> dict[str, xr.Variable]:
+    """Coordinates x, y and z in µm of a block of lattice points."""
+    return {
+        axis: xr.Variable(
+            axis,
+            (first + np.arange(n)) * spacing,
+            {"units": "um", "long_name": f"position along {axis}"},
+        )
+        for axis, first, n in zip("xyz", low, shape, strict=True)
+    }
+
+
+def stored_image(run: xr.Dataset, save: int) -> int | None:
+    """Place along `image` of the label image that the run holds of a save, if it does."""
+    if "label" not in run:
+        return None
+    saves = variable(run, "label_time", "image").values
+    check_saves(run, saves)
+    found = np.flatnonzero(saves == save)
+    return int(found[0]) if found.size else None
+
+
+def read_labels(run: xr.Dataset, image: int) -> NDArray[np.int32]:
+    """Read a label image that the run holds: (nx, ny, nz)."""
+    stops = np.cumsum(variable(run, "label_size", "image").values, dtype=np.int64)
+    shape = variable(run, "label_shape", "image", "axis")[image].values
+    part = slice(stops[image] - np.prod(shape, dtype=np.int64), stops[image])
+    values = variable(run, "label", "voxel")[part].values.astype(np.int32)
+    if values.max() > run.sizes["cell"]:
+        raise ValueError(SELECTION)
+    return np.asarray(values.reshape(shape))
+
+
+def block(run: xr.Dataset, save: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First lattice point and shape of the block around all boxes of a save: its label image."""
+    image = stored_image(run, save)
+    if image is None:
+        boxes = saved_boxes(run, save)
+        return boxes.low, boxes.extent
+    origin, shape = (
+        variable(run, f"label_{name}", "image", "axis")[image].values.astype(np.int64)
+        for name in ("origin", "shape")
+    )
+    return origin, shape
+
+
+def contacts(run: xr.Dataset, save: int) -> list[tuple[str, str, float]]:
+    """Names and area in µm² of each pair of cells that touch at a save.
+
+    From `contact_area` (then each pair occurs in both orders), or beyond a number of cells from
+    the list along `contact`.
+    """
+    names = variable(run, "cell", "cell").values.astype(str)
+    if "contact_area" in run or "contact_time" not in run:
+        areas = variable(run, "contact_area", "time", "cell", "neighbour")[save].values
+        i, j = np.nonzero(np.nan_to_num(areas) > 0)
+        others = run["neighbour"].values.astype(str)
+        return _pairs(names[i], others[j], areas[i, j])
+    saves, i, j, area = (
+        variable(run, f"contact_{name}", "contact").values
+        for name in ("time", "cell", "neighbour", "pair_area")
+    )
+    check_saves(run, saves)
+    if max(i.max(initial=-1), j.max(initial=-1)) >= len(names):
+        raise ValueError(SELECTION)
+    now = saves == save
+    return _pairs(names[i[now]], names[j[now]], area[now])
+
+
+def _pairs(a: NDArray, b: NDArray, area: NDArray) -> list[tuple[str, str, float]]:
+    return list(zip(a.tolist(), b.tolist(), area.tolist(), strict=True))
+
+
+class FullFields(BackendArray):
+    """Fields of one save on a common lattice, 0 outside of boxes, as a lazy array.
+
+    Only boxes of the chosen cells that meet the chosen points are read.
+
+    Parameters
+    ----------
+    boxes : SavedBoxes
+    cells : int
+        Length of the first axis.
+    """
+
+    def __init__(self, boxes: SavedBoxes, cells: int) -> None:
+        self._boxes = boxes
+        self._of_cell = {int(cell): box for box, cell in enumerate(boxes.cell)}
+        self.shape = (cells, *(int(n) for n in boxes.extent))
+        self.dtype = boxes.phi.dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.OUTER, self._read
+        )
+
+    def _read(self, key: tuple[Any, ...]) -> NDArray:
+        """Values at an outer key of whole numbers, slices and arrays."""
+        places = [np.arange(n)[k] for n, k in zip(self.shape, key, strict=True)]
+        cells, *points = (np.atleast_1d(place) for place in places)
+        out = np.zeros((len(cells), *map(len, points)), self.dtype)
+        for k, cell in enumerate(cells):
+            if (box := self._of_cell.get(int(cell))) is not None:
+                self._paste(out[k], box, points)
+        return out.reshape([n for place in places for n in place.shape])
+
+    def _paste(self, out: NDArray, box: int, points: Sequence[NDArray[np.intp]]) -> None:
+        """Fill in what a box has at these points of the lattice."""
+        offset = self._boxes.origin[box] - self._boxes.low
+        local = [p - first for p, first in zip(points, offset, strict=True)]
+        inside = [
+            np.flatnonzero((p >= 0) & (p < n))
+            for p, n in zip(local, self._boxes.shape[box], strict=True)
+        ]
+        if all(map(len, inside)):
+            source = np.ix_(*(p[i] for p, i in zip(local, inside, strict=True)))
+            out[np.ix_(*inside)] = self._boxes.read(box)[source]

@@ -1,0 +1,103 @@
+"""A cell at the start of a scene."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from morphosim import _validate
+from morphosim.geometry.shapes import Field, Shape
+from morphosim.physics.parameters import Physics
+
+VolumeFunction = Callable[[float], float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VolumeCourse:
+    """Target volume that is linear between given times and constant beyond them.
+
+    Attributes
+    ----------
+    times : increasing *in silico* times
+    volumes : µm³ at these times
+    """
+
+    times: Sequence[float]
+    volumes: Sequence[float]
+
+    def __post_init__(self) -> None:
+        times = _validate.array("volume.times", self.times, (None,))
+        volumes = _validate.array("volume.volumes", self.volumes, (len(times),))
+        if len(times) == 0 or not (np.diff(times) > 0).all():
+            message = f"volume.times = {list(self.times)}: expected increasing times"
+            raise ValueError(message)
+        for value in volumes:
+            _validate.number("volume.volumes", value, above=0)
+
+    def __call__(self, time: float) -> float:
+        """Target volume in µm³ at `time`."""
+        return float(np.interp(time, self.times, self.volumes))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One cell at the start of a scene.
+
+    Attributes
+    ----------
+    name : str
+    shape : Shape
+        Sphere, Ellipsoid, Mask or Field (or a cell of a power partition).
+    volume : float or function of time, optional
+        Target volume V(t) in µm³; by default the volume of the shape.
+    type : str
+        Cell type, for attraction by type.
+    gamma : float, optional
+        Surface tension of this cell; by default that of `Physics`.
+    frozen : bool
+        A frozen cell acts on others and is not stepped.
+    parent : str
+        Name of the mother cell, for the lineage; "" where it is not known.
+
+    Raises
+    ------
+    ValueError
+        The name is empty, or volume or gamma is not positive.
+    """
+
+    name: str
+    shape: Shape | Field
+    volume: float | VolumeFunction | None = None
+    type: str = ""
+    gamma: float | None = None
+    frozen: bool = False
+    parent: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            message = f"cell name = {self.name!r}; expected a text that is not empty"
+            raise ValueError(message)
+        if not callable(getattr(self.shape, "bounds", None)):
+            message = f"cell {self.name!r}: shape = {self.shape!r} is not a shape"
+            raise TypeError(message)
+        _validate.text(f"cell {self.name!r}: type", self.type)
+        _validate.text(f"cell {self.name!r}: parent", self.parent)
+        _validate.flag(f"cell {self.name!r}: frozen", self.frozen)
+        if self.gamma is not None:
+            _validate.number(f"cell {self.name!r}: gamma", self.gamma, above=0)
+        self.target_volume(0.0)
+
+    def target_volume(self, time: float) -> float:
+        """V(t) in µm³; raises ValueError if it is not positive and finite."""
+        if self.volume is None:
+            value = self.shape.volume
+        elif callable(self.volume):
+            value = self.volume(time)
+        else:
+            value = self.volume
+        return _validate.number(f"cell {self.name!r}: volume at t = {time:g}", value, above=0)
+
+
+def tensions(cells: Iterable[Cell], physics: Physics) -> list[float]:
+    """Surface tension γ of each cell: its own, or that of the physics."""
+    return [physics.gamma if cell.gamma is None else cell.gamma for cell in cells]

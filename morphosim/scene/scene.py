@@ -1,0 +1,246 @@
+"""What is modelled: cells, their physics and confinement, and how they are solved."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from morphosim import _validate
+from morphosim.cell_field import CellField
+from morphosim.geometry.confinement import Confinement
+from morphosim.geometry.shapes import Field, PowerCell
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.parameters import Physics
+from morphosim.scene.cell import Cell, tensions
+from morphosim.scene.stages import Duration, Stage
+
+ON_VANISH = ("stop", "remove", "ignore")
+_PHYSICS = _validate.names_of(Physics)
+SAVE_FIELDS = ("packed", "exact", "none")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """Everything a simulation starts from.
+
+    Attributes
+    ----------
+    cells : sequence of Cell
+    physics : Physics
+    numerics : Numerics
+    confinement : Confinement or None
+        None is open space.
+    duration : float
+        *In silico* time at which a run ends.
+    save_every : float
+        *In silico* time between two saves.
+    save_fields : {"packed", "exact", "none"}
+        Fields in each save: to 6e-5 in two bytes per value, as they are (about six times as
+        large), or none. Going on with a run needs none of them.
+    save_labels : bool
+        Whether each save also has a label image: which cell is where.
+    on_vanish : {"stop", "remove", "ignore"}
+        What happens when a cell is below 1/2 everywhere.
+    stages : sequence of Stage
+        A protocol: the run ends with the last stage, or at `duration`.
+    name, description : str
+
+    Raises
+    ------
+    ValueError
+        No cells, duplicate names, or attraction between cells or types that do not exist.
+    """
+
+    cells: Sequence[Cell]
+    physics: Physics = field(default_factory=Physics)
+    numerics: Numerics = field(default_factory=Numerics)
+    confinement: Confinement | None = None
+    duration: float = 100.0
+    save_every: float = 100.0
+    save_fields: str = "packed"
+    save_labels: bool = False
+    on_vanish: str = "stop"
+    stages: Sequence[Stage] = ()
+    name: str = "scene"
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        _validate.instance("scene.cells", self.cells, Sequence)
+        for k, cell in enumerate(self.cells):
+            _validate.instance(f"scene.cells[{k}]", cell, Cell)
+        object.__setattr__(self, "cells", tuple(self.cells))
+        if not self.cells:
+            message = "scene.cells is empty; a scene needs at least one cell"
+            raise ValueError(message)
+        _validate.instance("scene.physics", self.physics, Physics)
+        _validate.instance("scene.numerics", self.numerics, Numerics)
+        needed = ("field", "depth", "bounds")
+        if self.confinement is not None and not all(hasattr(self.confinement, n) for n in needed):
+            message = f"scene.confinement = {self.confinement!r} is not a confinement (with field, "
+            message += "depth and bounds), nor None"
+            raise TypeError(message)
+        _validate.text("scene.name", self.name)
+        _validate.unique("cell name", self.names)
+        _validate.number("scene.duration", self.duration, least=0)
+        _validate.number("scene.save_every", self.save_every, above=0)
+        _validate.choice("scene.save_fields", self.save_fields, SAVE_FIELDS)
+        _validate.flag("scene.save_labels", self.save_labels)
+        _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
+        object.__setattr__(self, "stages", tuple(self.stages))
+        for k, stage in enumerate(self.stages):
+            _validate.instance(f"scene.stages[{k}]", stage, Stage)
+            _validate.keys(f"physics of stage {stage.name!r}", stage.physics, _PHYSICS)
+            replace(self.physics, **stage.physics)  # raises where a value is not allowed
+        self._check_names(self.physics)
+
+    def check_stages(self) -> None:
+        """Raise ValueError if the physics of a stage name cells or types that can never come.
+
+        A scene that begins with a later stage (`from_stage`) may do so until it has its cells.
+        """
+        for stage in self.stages:
+            if stage.physics.keys() & {"sigma", "kappa_by_type"}:
+                self._check_names(replace(self.physics, **stage.physics))
+
+    def _check_names(self, physics: Physics) -> None:
+        physics.check_types(self.possible_types)
+        physics.attraction.check_names(self.possible_names, self.possible_types)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cells, in order."""
+        return [cell.name for cell in self.cells]
+
+    @property
+    def types(self) -> list[str]:
+        """Types of the cells, in order."""
+        return [cell.type for cell in self.cells]
+
+    @property
+    def end(self) -> float | None:
+        """*In silico* time at which a run ends; None if the state of the cells says so."""
+        if not self.stages:
+            return self.duration
+        times = [s.end.time for s in self.stages if isinstance(s.end, Duration)]
+        return min(sum(times), self.duration) if len(times) == len(self.stages) else None
+
+    @property
+    def possible_types(self) -> list[str]:
+        """Types that cells have, or may get by events, in alphabetical order."""
+        return sorted(set(self.types).union(*(stage.makes for stage in self.stages)))
+
+    @property
+    def possible_names(self) -> list[str]:
+        """Names of the cells, and of those that divisions may bring about."""
+        born = (name for stage in self.stages for name in stage.daughters)
+        return list(dict.fromkeys([*self.names, *born]))
+
+    @property
+    def parents(self) -> list[str]:
+        """Names of the cells' mothers, in order; "" where they are not known."""
+        return [cell.parent for cell in self.cells]
+
+    @property
+    def tensions(self) -> list[float]:
+        """Surface tension γ of each cell, in order."""
+        return tensions(self.cells, self.physics)
+
+    @classmethod
+    def from_points(
+        cls,
+        names: Sequence[str],
+        positions: ArrayLike,
+        volumes: ArrayLike,
+        confinement: Confinement | None = None,
+        **options: Any,
+    ) -> "Scene":
+        """Scene whose cells fill the confinement as its power partition at the given volumes.
+
+        Parameters
+        ----------
+        names : N names
+        positions : (N, 3) µm, for example of nuclei
+        volumes : (N,) µm³
+        confinement : Confinement or None
+        **options
+            Other fields of `Scene`.
+
+        Raises
+        ------
+        ValueError
+            A position lies outside the confinement, or the volumes do not fit into it.
+        """
+        cells = [
+            Cell(name=name, shape=shape)
+            for name, shape in zip(
+                names, power_cells(names, positions, volumes, confinement), strict=True
+            )
+        ]
+        return cls(cells=cells, confinement=confinement, **options)
+
+    def with_fields(self, fields: Iterable[CellField], spacing: float) -> "Scene":
+        """Copy of the scene whose cells start from fields, at the target volumes that they have.
+
+        Parameters
+        ----------
+        fields : of all cells, in any order
+        spacing : float
+            Lattice spacing of the fields, µm.
+
+        Raises
+        ------
+        ValueError
+            A cell has no field.
+        """
+        known = {field.name: field for field in fields}
+        cells = []
+        for cell in self.cells:
+            _validate.choice(f"field of a cell of scene {self.name!r}", cell.name, known)
+            field = known[cell.name]
+            shape = Field(phi=field.phi.copy(), origin=field.origin * spacing, spacing=spacing)
+            volume = cell.shape.volume if cell.volume is None else cell.volume
+            cells.append(replace(cell, shape=shape, volume=volume))
+        return replace(self, cells=cells)
+
+    def from_stage(self, name: str) -> "Scene":
+        """Copy of the scene that begins with a later stage, for a start from a saved run.
+
+        Its duration is shorter by the stages left out that last for a set time.
+
+        Raises
+        ------
+        ValueError
+            There is no stage of this name.
+        """
+        names = [stage.name for stage in self.stages]
+        _validate.choice(f"stage of scene {self.name!r}", name, names)
+        first = names.index(name)
+        lapse = sum(s.end.time for s in self.stages[:first] if isinstance(s.end, Duration))
+        return replace(self, stages=self.stages[first:], duration=max(self.duration - lapse, 0.0))
+
+    def with_numerics(self, **changes: Any) -> "Scene":
+        """Copy of the scene with some numerical parameters changed."""
+        return replace(self, numerics=replace(self.numerics, **changes))
+
+    def with_physics(self, **changes: Any) -> "Scene":
+        """Copy of the scene with some physical parameters changed."""
+        return replace(self, physics=replace(self.physics, **changes))
+
+
+def power_cells(
+    names: Sequence[str],
+    positions: ArrayLike,
+    volumes: ArrayLike,
+    confinement: Confinement | None,
+) -> list[PowerCell]:
+    """Shapes of the cells of a power partition; see `Scene.from_points`."""
+    from morphosim.geometry.power_partition import power_partition
+
+    points = _validate.array("positions", positions, (len(names), 3))
+    wanted = _validate.array("volumes", volumes, (len(names),))
+    partition = power_partition(points, wanted, confinement)
+    return [
+        PowerCell(partition=partition, cell=i, volume=float(v), confinement=confinement)
+        for i, v in enumerate(wanted)
+    ]

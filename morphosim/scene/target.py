@@ -1,0 +1,83 @@
+"""What events, stages and rules may ask of a simulation, and do to it."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphosim.cell_field import CellField
+from morphosim.physics.parameters import Physics
+
+
+class LivingCell(Protocol):
+    """A cell that is alive: a row of `Target.cells`."""
+
+    @property
+    def name(self) -> str:
+        """Name, unique among all cells of the run."""
+
+    @property
+    def type(self) -> str:
+        """Cell type."""
+
+    @property
+    def parent(self) -> str:
+        """Name of the mother; "" where it is not known."""
+
+
+class Target(Protocol):
+    """A simulation, as seen by what changes it between two steps."""
+
+    @property
+    def time(self) -> float:
+        """*In silico* time."""
+
+    @property
+    def spacing(self) -> float:
+        """Lattice spacing, µm."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the N living cells."""
+
+    @property
+    def cells(self) -> Sequence[LivingCell]:
+        """The living cells."""
+
+    @property
+    def fields(self) -> Sequence[CellField]:
+        """Their fields."""
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """(N, 3) centroids, µm."""
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """(N,) volumes ∫ φ, µm³."""
+
+    @property
+    def physics(self) -> Physics:
+        """The physics that hold now."""
+
+    def divide(
+        self,
+        cell: str,
+        daughters: tuple[str, str],
+        *,
+        axis: ArrayLike,
+        fraction: float = 0.5,
+        types: tuple[str, str] | None = None,
+        volumes: tuple[float, float] | None = None,
+    ) -> None:
+        """Divide a cell; see `Simulation.divide`."""
+
+    def remove(self, cells: Iterable[str]) -> None:
+        """Take cells out."""
+
+    def change_cells(self, cells: Iterable[str], **values: Any) -> None:
+        """Give cells another type, surface tension, target volume, or freeze or thaw them."""
+
+    def change_physics(self, **values: Any) -> None:
+        """Give the physics other values."""

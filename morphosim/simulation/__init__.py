@@ -1,0 +1,1 @@
+"""A scene on its way through time: steps, stages, events, observers."""

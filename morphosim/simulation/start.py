@@ -1,0 +1,50 @@
+"""Fields of the cells at the start of a scene."""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.geometry.phase_field import lattice_field
+from morphosim.scene.cell import Cell
+from morphosim.scene.scene import Scene
+
+OUTSIDE_ALLOWED = 0.5
+"""A cell may start with at most this share of its volume beyond the confinement."""
+
+
+def start_fields(
+    scene: Scene, cells: Iterable[Cell]
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
+    """Origin and field of each of these cells of a scene, one after the other.
+
+    Raises
+    ------
+    ValueError
+        A cell starts outside of the confinement, or is too small for the lattice.
+    """
+    scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
+    for cell in cells:
+        origin, phi = lattice_field(cell.shape, cell.name, scale, spacing)
+        if scene.confinement is not None:
+            _check_inside(scene, cell, origin, phi)
+        yield origin, phi
+
+
+def _check_inside(
+    scene: Scene, cell: Cell, origin: NDArray[np.int64], phi: NDArray[np.floating]
+) -> None:
+    """Raise ValueError if most of a cell lies beyond the confinement."""
+    assert scene.confinement is not None
+    axes = [
+        (o + np.arange(n)) * scene.numerics.spacing for o, n in zip(origin, phi.shape, strict=True)
+    ]
+    walls = scene.confinement.field(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    outside = float((phi * (walls > 0.5)).sum() / phi.sum())
+    if outside > OUTSIDE_ALLOWED:
+        message = (
+            f"cell {cell.name!r} starts with {100 * outside:.0f} % of its volume outside of the "
+            f"confinement; at most {100 * OUTSIDE_ALLOWED:.0f} % is allowed. Move the cell, or "
+            "enlarge the confinement"
+        )
+        raise ValueError(message)
