@@ -103,7 +103,7 @@ import sys
 from pathlib import Path
 from morphosim import Cell, Scene, Sphere
 from morphosim.mpi.run import go
-from morphosim.mpi.simulation import DistributedSimulation
+from morphosim.mpi.distributed_simulation import DistributedSimulation
 count, output = int(sys.argv[1]), Path(sys.argv[2])
 cells = [Cell(name=f"c{k}", shape=Sphere(center=(8 * k, 0, 0), radius=4)) for k in range(count)]
 try:
