@@ -1,7 +1,7 @@
-"""The implicit step on the band: sweeps towards (lhs - γΔ) u = r, no transforms.
+"""The implicit step on the band: Chebyshev iterations of (lhs - γΔ) u = r, no transforms.
 
-A sweep is u ← u + ω (r - lhs u + γΔu). The weights 1/ω of the sweeps of a step are the roots of a
-Chebyshev polynomial, so that together they reduce every error (`schemes.sweep_roots`). Outside of
+One iteration is u ← u + ω (r - lhs u + γΔu). The 1/ω of a step's iterations are the roots of a
+Chebyshev polynomial, so that together they reduce every error (`numerics.chebyshev`). Outside of
 the band u is 0.
 """
 
@@ -13,8 +13,8 @@ from morphosim.kernels.stencils import weighted_neighbours
 
 
 @kernel()
-def plane_sweep(low, high, source, target, rhs, sx, sy, own, diffusion, weight, stencil):
-    """`sweep` along one run of the frames; `own` is 1 - ω (lhs - 3 γ l0), `diffusion` is ω γ."""
+def iterate_plane(low, high, source, target, rhs, sx, sy, own, diffusion, weight, stencil):
+    """`iterate` along one run of the frames; `own` is 1 - ω (lhs - 3 γ l0), `diffusion` is ω γ."""
     l1, l2, l3 = stencil.l1, stencil.l2, stencil.l3
     sz = np.uint64(1)
     for p in range(low, high):
@@ -23,8 +23,8 @@ def plane_sweep(low, high, source, target, rhs, sx, sy, own, diffusion, weight, 
 
 
 @kernel()
-def sweep(i, boxes, source, target, rhs, stencil, lhs, gamma, weight, one):
-    """One sweep over cell i: target = source + ω (rhs - lhs source + γΔ source).
+def iterate(i, boxes, source, target, rhs, stencil, lhs, gamma, weight, one):
+    """One iteration over cell i: target = source + ω (rhs - lhs source + γΔ source).
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def sweep(i, boxes, source, target, rhs, stencil, lhs, gamma, weight, one):
     own = one - weight * lhs + (diffusion + diffusion + diffusion) * stencil.l0
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, False, sx, sy)
-        plane_sweep(
+        iterate_plane(
             low, high, source, target, rhs, np.uint64(sx), np.uint64(sy), own, diffusion, weight,
             stencil,
         )  # fmt: skip

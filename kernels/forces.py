@@ -1,27 +1,31 @@
 """The nonlinear force F of one cell, and the right-hand side of its step.
 
-F = - γ c W'(φ) - φ R - ∇φ·∇ψ + p |∇φ| + ∇φ·d      (Eq. S2, S3 of the paper)
+F = - γ c W'(φ) - φ R - ∇φ·∇ψ + p |∇φ| + ∇φ·d + f      (Eq. S2, S3 of the paper)
 
 R is the repulsion felt by the cell (other cells and the confinement), ψ its attraction potential,
-p the volume constraint's pressure and d = -κ √δt u the motility drift.
+p its pressure (volume constraint), d its drift (motility: -κ √δt u), and f what a term of the
+user's own computes at each point of φ, ∇φ and Δφ (`point_force`).
 """
 
 import numpy as np
 
 from morphosim.kernels._jit import entry, inline_kernel, kernel
 from morphosim.kernels.frames import run, strides
-from morphosim.kernels.stencils import derivative
+from morphosim.kernels.points import force_at_point
+from morphosim.kernels.stencils import derivative, weighted_neighbours
 
 
 @inline_kernel()
 def force(
-    phi, psi, repulsion, p, sx, sy, c1, c2, c3, well, half, pressure, dx, dy, dz, use_repulsion
+    phi, psi, repulsion, p, sx, sy, stencil, well, half, pressure, dx, dy, dz, points, i,
+    use_repulsion,
 ):  # fmt: skip
     """F at point p; `well` is 4 γ c, `half` is 1/2 in phi's type.
 
     W'(φ) = 4φ³ - 6φ² + 2φ = 4 (φ - φ²) (1/2 - φ).
     """
     sz = np.uint64(1)
+    c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
     value = phi[p]
     gx = derivative(phi, p, sx, c1, c2, c3)
     gy = derivative(phi, p, sy, c1, c2, c3)
@@ -36,21 +40,25 @@ def force(
     total -= well * (value - value * value) * (half - value)
     if use_repulsion is not None:
         total -= value * repulsion[p]
+    if points is not None:
+        around = weighted_neighbours(phi, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
+        laplacian = around + (stencil.l0 + stencil.l0 + stencil.l0) * value
+        total += force_at_point(points, i, value, gx, gy, gz, laplacian)
     return total
 
 
 @kernel()
 def plane_right_hand_side(
     low, high, phi, psi, rhs, history, start, sx, sy, stencil, scheme, well, half,
-    pressure, dx, dy, dz, use_repulsion,
+    pressure, dx, dy, dz, points, i, use_repulsion,
 ):  # fmt: skip
     """`right_hand_side` along one run of the frames."""
-    c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
     for p in range(low, high):
         value = phi[p]
         total = force(
-            phi, psi, rhs, p, sx, sy, c1, c2, c3, well, half, pressure, dx, dy, dz, use_repulsion
+            phi, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz, points, i,
+            use_repulsion,
         )  # fmt: skip
         if history is not None:
             memory = history[p]
@@ -69,7 +77,7 @@ def right_hand_side(
     i, boxes, whole, terms, drift, phi, psi, rhs, history, start, stencil, scheme, half,
     use_repulsion,
 ):  # fmt: skip
-    """Right-hand side, next history and start of the sweeps of cell i.
+    """Right-hand side, next history and start of the iterations of cell i.
 
     Parameters
     ----------
@@ -81,7 +89,7 @@ def right_hand_side(
     psi : frame of the attraction potential, or None
     rhs : frame of the repulsion R, replaced by the right-hand side
     history : frame of H, replaced by the next; None for a scheme without memory
-    start : frame, overwritten with the start of the sweeps; None without sweeps
+    start : frame, overwritten with the start of the iterations; None without any
     half : 1/2 in the type of the fields
     use_repulsion : True, or None where nothing repels; R is then not read
     """
@@ -91,5 +99,6 @@ def right_hand_side(
         low, high = run(x, i, boxes, whole, sx, sy)
         plane_right_hand_side(
             low, high, phi, psi, rhs, history, start, np.uint64(sx), np.uint64(sy), stencil,
-            scheme, terms.well[i], half, terms.pressure[i], dx, dy, dz, use_repulsion,
+            scheme, terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i,
+            use_repulsion,
         )  # fmt: skip

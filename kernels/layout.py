@@ -104,7 +104,7 @@ class Stencil(NamedTuple):
 class Scheme(NamedTuple):
     """(lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ and Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ; see `schemes`.
 
-    Sweeps start from e0 φⁿ + e1 (Hⁿ + Fⁿ).
+    Iterations start from e0 φⁿ + e1 (Hⁿ + Fⁿ).
     """
 
     lhs: Any
@@ -137,9 +137,15 @@ class CellTerms(NamedTuple):
     pressure: np.ndarray
     """(N,) factor of |∇φ|: the volume constraint."""
     drift: Any
-    """(N, 3) factor of ∇φ: -κ √δt u, or None without noise."""
-    sweeps: np.ndarray
-    """(N, sweeps) weights of the sweeps; see `relaxation`."""
+    """(N, 3) factor of ∇φ: motility and the like, or None."""
+    points: Any
+    """(N,) records with the values of a force at each point; see `forces`. None without."""
+    fresh: np.ndarray
+    """(N,) bool, whether the cell has no history and takes a step of first order."""
+    n_iterations: np.ndarray
+    """(N,) int64, Chebyshev iterations of the step."""
+    weights: np.ndarray
+    """(N, most iterations) weights of the iterations; see `chebyshev`."""
 
 
 class Limits(NamedTuple):

@@ -12,7 +12,7 @@ from numba import prange
 
 from morphosim.kernels._jit import choose, kernel, parallel_kernel
 from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
-from morphosim.kernels.chebyshev import sweep
+from morphosim.kernels.chebyshev import iterate
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import (
@@ -133,7 +133,7 @@ def accept_band(i, phi, history, frame, memory, boxes, limits, found, out, surve
 @parallel_kernel()
 def step_transform(
     bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, found, measured, stencil, scheme, cosines, limits, surveys, use_repulsion, use_psi,
+    work, found, measured, stencil, scheme, first, cosines, limits, surveys, use_repulsion, use_psi,
 ):  # fmt: skip
     """Advance every cell of `order` by Eq. 6, 8 or 9, solved in each box by cosine transforms.
 
@@ -142,7 +142,8 @@ def step_transform(
     bounds : (threads + 1,) ranges of `order`, one per thread
     order : cells, grouped by thread
     phi, history : 1-D pools, updated; history is None for a scheme without memory
-    boxes, terms, interaction, columns, stencil, scheme, cosines, limits : see `layout`
+    boxes, terms, interaction, columns, stencil, cosines, limits : see `layout`
+    scheme, first : Scheme, of cells with history and of those without
     pairs_start, pair_potential : see `gather`, or None
     work : (threads, N_FRAMES, largest frame); found : (threads, longest x axis, 2) int32;
         measured : (threads, N_SURVEYED) float64; all overwritten
@@ -153,15 +154,16 @@ def step_transform(
         frames = work[worker]
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
+            own = first if terms.fresh[i] else scheme
             prepare(
                 i, phi, history, boxes, True, terms, interaction, columns, pairs_start,
-                pair_potential, frames, stencil, scheme, limits.half, use_repulsion, use_psi, None,
+                pair_potential, frames, stencil, own, limits.half, use_repulsion, use_psi, None,
             )  # fmt: skip
             unload(i, frames[RHS], boxes, frames[START])
             helmholtz_solve(
                 frames[START], frames[PSI], frames[PHI],
                 boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
-                cosines, scheme.lhs, terms.gamma[i],
+                cosines, own.lhs, terms.gamma[i],
             )  # fmt: skip
             sound = accept_box(
                 i, phi, frames[START], boxes, limits, found[worker], measured[worker], surveys
@@ -180,29 +182,29 @@ def keep_history(i, history, boxes, frame):
 @parallel_kernel()
 def step_band(
     bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, found, measured, stencil, scheme, limits, surveys, lost, use_repulsion, use_psi,
+    work, found, measured, stencil, scheme, first, limits, surveys, lost, use_repulsion, use_psi,
 ):  # fmt: skip
-    """Advance every cell of `order` by Eq. 6, 8, 9 or explicit Euler, on the band, by sweeps.
+    """Advance every cell of `order` by Chebyshev iterations on the band, or by explicit Euler.
 
-    Parameters as for `step_transform`; `terms.sweeps` has the weights of the sweeps, and `lost`
-    (N,) float64 counts Σ φ of rows that leave the band.
+    Parameters as for `step_transform`; `lost` (N,) float64 counts Σ φ of rows that leave the band.
     """
     for worker in prange(bounds.shape[0] - 1):
         frames = work[worker]
         one = limits.half + limits.half
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
+            own = first if terms.fresh[i] else scheme
             prepare(
                 i, phi, history, boxes, False, terms, interaction, columns, pairs_start,
-                pair_potential, frames, stencil, scheme, limits.half, use_repulsion, use_psi, True,
+                pair_potential, frames, stencil, own, limits.half, use_repulsion, use_psi, True,
             )  # fmt: skip
-            for s in range(terms.sweeps.shape[1]):
+            for s in range(terms.n_iterations[i]):
                 source = START if s % 2 == 0 else PHI
-                sweep(
+                iterate(
                     i, boxes, frames[source], frames[START + PHI - source], frames[RHS], stencil,
-                    scheme.lhs, terms.gamma[i], terms.sweeps[i, s], one,
+                    own.lhs, terms.gamma[i], terms.weights[i, s], one,
                 )  # fmt: skip
-            result = PHI if terms.sweeps.shape[1] % 2 else START
+            result = PHI if terms.n_iterations[i] % 2 else START
             accept_band(
                 i, phi, history, frames[result], frames[HISTORY], boxes, limits, found[worker],
                 measured[worker], surveys, lost,
@@ -212,16 +214,17 @@ def step_band(
 @parallel_kernel()
 def prepare_all(
     bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, stencil, scheme, half, rhs, use_repulsion, use_psi,
+    work, stencil, scheme, first, half, rhs, use_repulsion, use_psi,
 ):  # fmt: skip
     """Right-hand sides of all cells into the pool `rhs`, for a transform outside of Numba."""
     for worker in prange(bounds.shape[0] - 1):
         frames = work[worker]
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
+            own = first if terms.fresh[i] else scheme
             prepare(
                 i, phi, history, boxes, True, terms, interaction, columns, pairs_start,
-                pair_potential, frames, stencil, scheme, half, use_repulsion, use_psi, None,
+                pair_potential, frames, stencil, own, half, use_repulsion, use_psi, None,
             )  # fmt: skip
             keep_history(i, history, boxes, frames[HISTORY])
             unload(i, frames[RHS], boxes, rhs[boxes.start[i] :])

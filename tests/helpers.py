@@ -53,27 +53,24 @@ def make_engine(
 ) -> Engine:
     """Engine of cells "0", "1", … in double precision on one thread, unless told otherwise."""
     n = len(fields)
-    model = Physics(**(physics or {}))
-    return Engine(
-        model,
-        Numerics.preset(
-            "published", **({"precision": "double", "threads": 1, "spacing": H} | numerics)
-        ),
-        shell,
-        [str(i) for i in range(n)],
-        list(types or [""] * n),
-        np.broadcast_to(model.gamma if gamma is None else gamma, n).astype(float),
-        np.isin(np.arange(n), frozen),
-        list(fields),
-    )
+    chosen = {"precision": "double", "threads": 1, "spacing": H} | numerics
+    engine = Engine(Physics(**(physics or {})), Numerics.preset("published", **chosen), shell)
+    columns = {
+        "name": [str(i) for i in range(n)],
+        "own_tension": np.nan if gamma is None else gamma,
+        "frozen": np.isin(np.arange(n), frozen),
+    }
+    engine.start(columns, list(types or [""] * n), list(fields))
+    engine.settle()
+    return engine
 
 
 def advance(engine: Engine, steps: int, targets: ArrayLike | None = None) -> Engine:
     """Take steps; the target volumes are by default what the cells have now."""
-    wanted = np.array(engine.volumes if targets is None else targets, float)
+    engine.cells["target"][:] = engine.volumes if targets is None else targets
     with engine.limited_threads():
         for _ in range(steps):
-            engine.step(wanted)
+            engine.step()
     return engine
 
 
@@ -115,7 +112,7 @@ def normals(engine: Engine) -> Callable[[int], NDArray] | None:
 
     def of_step(step: int) -> NDArray:
         u = np.zeros((len(engine), 3))
-        normal_vectors(np.uint64(engine.numerics.seed), np.uint64(step), engine.ids, u)
+        normal_vectors(np.uint64(engine.numerics.seed), np.uint64(step), engine.cells["id"], u)
         return u
 
     return of_step if engine.physics.kappa > 0 else None

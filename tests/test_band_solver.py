@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from morphosim import Attraction, BoxWalls, Cell, Numerics, Physics, Scene, Simulation, Sphere
-from morphosim.numerics.chebyshev import CONVERGENCE, largest_eigenvalue, sweep_roots
+from morphosim.numerics.chebyshev import CONVERGENCE, chebyshev_roots, largest_eigenvalue
 from morphosim.numerics.schemes import coefficients
 
 from .test_certificate import STRESSES, TOLERANCES, full_run, measured, start, targets
@@ -146,7 +146,7 @@ def test_attraction_by_pairs_alone() -> None:
 def test_sweeps_reduce_every_error(dt: float, S: float, spacing: float) -> None:
     numerics = Numerics(dt=dt, S=S, spacing=spacing)
     lhs, top = coefficients(numerics, 2.62, False)["lhs"], 0.25 * largest_eigenvalue(6, spacing)
-    roots = sweep_roots(lhs, 0.5, top, numerics.sweeps)
+    roots = chebyshev_roots(lhs, 0.5, top, numerics.sweeps)
     symbol = lhs + np.linspace(0, top, 1001)
     error = np.abs(np.prod(1 - symbol[:, None] / roots, axis=1))
     assert error.max() <= CONVERGENCE + 1e-9
@@ -156,9 +156,9 @@ def test_sweeps_reduce_every_error(dt: float, S: float, spacing: float) -> None:
 
 def test_stiff_diffusion_takes_more_sweeps() -> None:
     standard = coefficients(Numerics(), 2.62, False)["lhs"]
-    assert len(sweep_roots(standard, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) == 2
+    assert len(chebyshev_roots(standard, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) == 2
     plain = coefficients(Numerics(S=0.0), 2.62, False)["lhs"]
-    assert len(sweep_roots(plain, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) > 2
+    assert len(chebyshev_roots(plain, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) > 2
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.boxes import (
     BAD,
     FACE,
@@ -22,6 +23,15 @@ from morphosim.kernels.step import GUARD
 
 SLACK = 4
 """A box is laid anew when it could be smaller by this many points along an axis."""
+COLUMNS = (
+    Column("origin", np.int64, (3,), inherits=False),
+    Column("shape", np.int64, (3,), inherits=False),
+    Column("start", np.int64, inherits=False, saved=False),
+    Column("plane_start", np.int64, inherits=False, saved=False),
+    Column("lost", inherits=False),
+    Column("surveys", shape=(N_SURVEYED,), inherits=False),
+)
+"""Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
 Integers = NDArray[np.int64]
 Real = NDArray[np.floating]
 
@@ -71,6 +81,17 @@ def morton_order(origin: Integers) -> Integers:
 class BoxPool:
     """The fields of all cells, each in its own box.
 
+    Parameters
+    ----------
+    cells : CellTable
+        With `COLUMNS`, which this keeps.
+    dtype : of the fields
+    limits : Limits
+    with_history : bool
+        Whether the scheme has a history.
+    band_only : bool
+        Whether the solver works on the narrow band alone, outside of which φ is 0.
+
     Attributes
     ----------
     phi : 1-D pool of φⁿ
@@ -78,30 +99,52 @@ class BoxPool:
     band : (planes, 2) int32
         Rows of each plane of each box where the field is not 0, `GUARD` more than where it
         exceeds the tolerance.
-    surveys : (N, N_SURVEYED) float64
-        What `kernels.boxes.survey` found.
-    lost : (N,) float64
-        Σ φ that moving boxes has cut off since the start, per cell (signed, lattice units).
     """
 
     def __init__(
-        self, dtype: DTypeLike, limits: Limits, with_history: bool, band_only: bool
-    ) -> None:
+        self, cells: CellTable, dtype: DTypeLike, limits: Limits, with_history: bool,
+        band_only: bool,
+    ) -> None:  # fmt: skip
+        self.cells = cells
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         self.limits, self.band_only = limits, band_only
         self.phi: Real = np.zeros(0, dtype)
         self.history: Real | None = np.zeros(0, dtype) if with_history else None
         self.band = np.zeros((0, 2), np.int32)
-        self.origin = np.zeros((0, 3), np.int64)
-        self.shape = np.zeros((0, 3), np.int64)
-        self.start = np.zeros(0, np.int64)
-        self.plane_start = np.zeros(0, np.int64)
-        self.lost = np.zeros(0)
-        self.surveys = np.zeros((0, N_SURVEYED))
         self._slots, self._planes = Slots(), Slots()
 
     def __len__(self) -> int:
-        return len(self.start)
+        return len(self.cells)
+
+    @property
+    def origin(self) -> Integers:
+        """(N, 3) lattice position of each box's first point."""
+        return self.cells["origin"]
+
+    @property
+    def shape(self) -> Integers:
+        """(N, 3) points of each box per axis."""
+        return self.cells["shape"]
+
+    @property
+    def start(self) -> Integers:
+        """(N,) first index of each box in the pools of fields."""
+        return self.cells["start"]
+
+    @property
+    def plane_start(self) -> Integers:
+        """(N,) first index of each box in `band`."""
+        return self.cells["plane_start"]
+
+    @property
+    def lost(self) -> NDArray[np.float64]:
+        """(N,) Σ φ that moving boxes has cut off each cell so far (signed, lattice units)."""
+        return self.cells["lost"]
+
+    @property
+    def surveys(self) -> NDArray[np.float64]:
+        """(N, N_SURVEYED) what `kernels.boxes.survey` has found."""
+        return self.cells["surveys"]
 
     @property
     def boxes(self) -> Boxes:
@@ -124,32 +167,41 @@ class BoxPool:
         size = int(self.shape[i].prod())
         return values[self.start[i] : self.start[i] + size].reshape(self.shape[i])
 
-    def add(self, fields: Iterable[tuple[Integers, Real]]) -> None:
-        """Append cells given by lattice origin and field; their boxes are laid around the band."""
+    def lay(self, rows: Integers, fields: Iterable[tuple[Integers, Real]]) -> None:
+        """Lay boxes for new rows of the table, around the band of the fields given.
+
+        Parameters
+        ----------
+        rows : (n,) rows of `cells` that have no box yet
+        fields : of these, lattice origin and field
+        """
         given, laid = [], []
         for origin, phi in fields:
             given.append(float(phi.sum(dtype=float)))
             laid.append(self._trim(origin, phi))
-        first = len(self)
-        shapes = np.array([phi.shape for _, phi in laid], np.int64).reshape(-1, 3)
-        self.origin = np.concatenate([self.origin, np.array([o for o, _ in laid]).reshape(-1, 3)])
-        self.shape = np.concatenate([self.shape, shapes])
-        starts = [self._slots.take(int(n)) for n in shapes.prod(axis=1)]
-        planes = [self._planes.take(int(n)) for n in shapes[:, 0]]
-        self.start = np.concatenate([self.start, np.array(starts, np.int64)])
-        self.plane_start = np.concatenate([self.plane_start, np.array(planes, np.int64)])
-        self.lost = np.concatenate([self.lost, np.zeros(len(laid))])
-        self.surveys = np.concatenate([self.surveys, np.zeros((len(laid), N_SURVEYED))])
-        self._reserve()
-        for i, (_, phi) in enumerate(laid, first):
+        self.origin[rows] = [origin for origin, _ in laid]
+        self.shape[rows] = [phi.shape for _, phi in laid]
+        self._take(rows)
+        for i, (_, phi) in zip(rows.tolist(), laid, strict=True):
             self.box(i)[:] = phi
             if self.history is not None:
                 self.box(i, self.history)[:] = 0
             self.survey(i)
-        self.lost[first:] = given - self.surveys[first:, TOTAL]
+        self.lost[rows] = given - self.surveys[rows, TOTAL]
+
+    def release(self, rows: Iterable[int]) -> None:
+        """Give back the boxes of cells that are about to be dropped from the table."""
+        for i in rows:
+            self._release(i)
+
+    def forget(self, rows: Iterable[int]) -> None:
+        """Set the histories of cells to 0."""
+        if self.history is not None:
+            for i in rows:
+                self.box(i, self.history)[:] = 0
 
     def contents(self, cells: Integers | None = None) -> dict[str, NDArray]:
-        """All that `restore` needs, box after box in the order of the cells, or of those given."""
+        """Fields, histories and bands, box after box, of all cells or of those given."""
         held = {"phi": self.phi} if self.history is None else {
             "phi": self.phi, "history": self.history,
         }  # fmt: skip
@@ -161,20 +213,33 @@ class BoxPool:
         return {
             name: np.concatenate([self.box(i, pool).ravel() for i in chosen.tolist()])
             for name, pool in held.items()
-        } | {
-            "band": np.concatenate(bands), "origin": self.origin[chosen],
-            "shape": self.shape[chosen], "lost": self.lost[chosen], "surveys": self.surveys[chosen],
-        }  # fmt: skip
+        } | {"band": np.concatenate(bands)}
 
     def restore(self, contents: Mapping[str, NDArray]) -> None:
-        """Hold exactly the boxes of `contents`, instead of the present ones."""
-        for name in ("origin", "shape", "lost", "surveys"):
-            setattr(self, name, np.array(contents[name]))
+        """Hold exactly the boxes that the table says, with the fields of `contents`."""
         self._slots, self._planes = Slots(), Slots()
-        self.start = np.array([self._slots.take(int(n)) for n in self.sizes()], np.int64)
-        self.plane_start = np.array([self._planes.take(int(n)) for n in self.shape[:, 0]], np.int64)
-        self._reserve()
-        self.fill(np.arange(len(self)), contents)
+        rows = np.arange(len(self))
+        self._take(rows)
+        self.fill(rows, contents)
+
+    def arrange(self, kept: Integers, places: Integers, origin: Integers, shape: Integers) -> None:
+        """Hold other cells: some of the present ones, at new rows of the table, and empty boxes.
+
+        Parameters
+        ----------
+        kept : (K,) present rows of the cells that stay
+        places : (K,) their new rows
+        origin, shape : (N, 3) boxes of all cells then
+        """
+        self.release(np.setdiff1d(np.arange(len(self)), kept).tolist())
+        self.cells.arrange(kept, places, len(origin))
+        self.origin[:], self.shape[:] = origin, shape
+        new = np.setdiff1d(np.arange(len(origin)), places)
+        self._take(new)
+        self.forget(new.tolist())
+        for i in new.tolist():
+            self.box(i)[:] = 0
+            self.band[self.plane_start[i] : self.plane_start[i] + shape[i, 0]] = 0
 
     def fill(self, cells: Integers, contents: Mapping[str, NDArray]) -> None:
         """Put the fields, histories and bands of `contents` into boxes of the same shapes."""
@@ -187,12 +252,6 @@ class BoxPool:
                 self.box(i, self.history)[:] = contents["history"][box].reshape(self.shape[i])
             first = int(self.plane_start[i])
             self.band[first : first + planes[k]] = contents["band"][last[k] - planes[k] : last[k]]
-
-    def remove(self, i: int) -> None:
-        """Drop cell i; cells behind it move up by one."""
-        self._release(i)
-        for name in ("origin", "shape", "start", "plane_start", "lost", "surveys"):
-            setattr(self, name, np.delete(getattr(self, name), i, axis=0))
 
     def survey(self, i: int) -> float:
         """Measure cell i's stored field and find its band anew; return Σ φ that this cuts off."""
@@ -259,6 +318,13 @@ class BoxPool:
             for values, pool in zip(saved, pools, strict=True)
         ]
         self.lost[i] += lost[0] + self.survey(i)
+
+    def _take(self, rows: Integers) -> None:
+        """Give boxes of the shapes in the table their stretches of the pools."""
+        for i in rows.tolist():
+            self.start[i] = self._slots.take(int(self.shape[i].prod()))
+            self.plane_start[i] = self._planes.take(int(self.shape[i, 0]))
+        self._reserve()
 
     def _release(self, i: int) -> None:
         self._slots.give(int(self.start[i]), int(self.shape[i].prod()))

@@ -6,7 +6,7 @@ from numpy.typing import DTypeLike, NDArray
 from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, lay_tiles
 from morphosim.kernels.frames import HALO, frame_shapes
 from morphosim.kernels.layout import ColumnLists, Columns
-from morphosim.physics.confinement_repulsion import Repulsion
+from morphosim.physics.term import SpaceFunction
 
 SHIFTS = np.array([SHIFT, SHIFT, 5])
 TILE_SHAPE = (WIDTH, WIDTH, 32)
@@ -36,9 +36,9 @@ def unpack(keys: Integers) -> Integers:
 
 
 class Background:
-    """The confinement's g_e φ_e² (see `walls`) on tiles, evaluated once per tile."""
+    """What walls add to R (see `Environment.walls`) on tiles, evaluated once per tile."""
 
-    def __init__(self, repulsion: Repulsion, spacing: float, dtype: DTypeLike) -> None:
+    def __init__(self, repulsion: SpaceFunction, spacing: float, dtype: DTypeLike) -> None:
         self._repulsion, self._spacing = repulsion, spacing
         self._keys = np.array([_LAST])  # sorted
         self._slots = np.array([-1])
@@ -100,8 +100,6 @@ class ColumnCover:
     ----------
     dtype : type of the fields
     threads : number of threads that share the columns
-    n_types : cell types with accumulated potentials; 0 without attraction by type
-    background : Background or None
 
     Attributes
     ----------
@@ -112,14 +110,22 @@ class ColumnCover:
     columns: Columns
     lists: ColumnLists
 
-    def __init__(
-        self, dtype: DTypeLike, threads: int, n_types: int, background: Background | None
-    ) -> None:
-        self._dtype = np.dtype(dtype)
-        self._threads, self._n_types, self._background = threads, n_types, background
+    def __init__(self, dtype: DTypeLike, threads: int) -> None:
+        self._dtype, self._threads = np.dtype(dtype), threads
+        self._pools: dict[str, NDArray[np.floating]] = {}
+        self.configure(0, None)
+
+    def configure(self, n_types: int, background: Background | None) -> None:
+        """Say what is summed; it holds from the next `update` on, which makes all columns anew.
+
+        Parameters
+        ----------
+        n_types : cell types with accumulated potentials; 0 without attraction by type
+        background : Background or None
+        """
+        self._n_types, self._background = n_types, background
         self._first = self._end = np.zeros((0, 3), np.int64)
         self._low = np.zeros(0, np.int64)
-        self._pools: dict[str, NDArray[np.floating]] = {}
 
     def update(self, origin: Integers, shape: Integers) -> None:
         """Make `columns` and `lists` fit the boxes."""

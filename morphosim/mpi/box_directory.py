@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.mpi.ghost_exchange import Traffic
-from morphosim.mpi.local_engine import RankEngine
+from morphosim.mpi.local_engine import LocalEngine
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -16,7 +16,7 @@ COLUMNS = 7
 """Of what ranks tell of a cell: its number, and origin and shape of its box."""
 
 
-class Places:
+class BoxDirectory:
     """Boxes and owners of all N cells.
 
     Attributes
@@ -30,7 +30,7 @@ class Places:
         self.owner = np.zeros(0, np.int64)
         self.origin = self.shape = np.zeros((0, 3), np.int64)
 
-    def share(self, local: RankEngine, count: int) -> None:
+    def share(self, local: LocalEngine, count: int) -> None:
         """Tell all ranks of all cells of each."""
         mine = local.owned
         counts = np.zeros(self._comm.size, np.int64)
@@ -41,7 +41,7 @@ class Places:
         cells = self.update(local, mine, counts)
         self.owner[cells] = np.repeat(np.arange(self._comm.size), counts)
 
-    def update(self, local: RankEngine, mine: Integers, counts: Integers) -> Integers:
+    def update(self, local: LocalEngine, mine: Integers, counts: Integers) -> Integers:
         """Tell all ranks of some cells of each, at these places; return their numbers.
 
         `counts` (ranks,) says of how many each rank tells.

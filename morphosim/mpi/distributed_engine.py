@@ -1,25 +1,27 @@
 """The engine of a simulation whose cells are shared out over ranks."""
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from morphosim.cell_field import CellField
+from morphosim.cell_table import CellTable, Column
+from morphosim.engine.engine import COLUMNS, Fields
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE
-from morphosim.mpi import state_transfer as states
-from morphosim.mpi.box_directory import Places
+from morphosim.mpi import state_transfer
+from morphosim.mpi.box_directory import BoxDirectory
 from morphosim.mpi.communicator import threads_per_rank
 from morphosim.mpi.decompose import owners, work
-from morphosim.mpi.gathered_view import Gatherer
-from morphosim.mpi.ghost_exchange import Exchange, Traffic
+from morphosim.mpi.gathered_view import GatheredView
+from morphosim.mpi.ghost_exchange import GhostExchange, Traffic
 from morphosim.mpi.ghost_regions import Reach, portions
-from morphosim.mpi.local_engine import RankEngine, Roll
+from morphosim.mpi.local_engine import LocalEngine
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 
@@ -32,23 +34,24 @@ REBALANCE = 256
 MOVED, DIVERGED, VANISHED = 0, 1, 2
 
 
-class DistributedEngine(Gatherer):
+class DistributedEngine(GatheredView):
     """As `Engine`, of all N cells, of which each rank steps its own.
 
-    All ranks make the same calls in the same order; see `Gatherer` for what is asked of all cells.
+    All ranks make the same calls in the same order; see `GatheredView` for what is asked of all
+    cells.
 
     Parameters
     ----------
     comm : communicator of all ranks
-    physics, numerics, confinement, names, types, gamma, frozen, parents
-        See `Engine`; of all N cells.
-    rows : (n,) numbers of the cells that this rank brings
-    fields : of these, lattice origin and field
+    physics, numerics, confinement
+        See `Scene`.
 
     Attributes
     ----------
-    local : RankEngine
-        This rank's cells, and copies of those near them.
+    everyone : CellTable
+        What every rank knows of all N cells.
+    local : LocalEngine
+        This rank's cells, and ghost cells near them.
     traffic : Traffic
         What this rank has sent.
     whole : bool
@@ -58,59 +61,36 @@ class DistributedEngine(Gatherer):
     """
 
     def __init__(
-        self,
-        comm: "Comm",
-        physics: Physics,
-        numerics: Numerics,
-        confinement: Confinement | None,
-        names: Sequence[str],
-        types: Sequence[str],
-        gamma: NDArray[np.float64],
-        frozen: NDArray[np.bool_],
-        parents: Sequence[str],
-        rows: Integers,
-        fields: Iterable[tuple[Integers, NDArray[np.floating]]],
+        self, comm: "Comm", physics: Physics, numerics: Numerics, confinement: Confinement | None
     ) -> None:
-        roll = Roll(
-            list(names), list(types), list(parents), np.asarray(gamma, float),
-            np.asarray(frozen, bool), np.arange(len(names), dtype=np.uint64),
-        )  # fmt: skip
+        everyone = CellTable(_shared(physics))
         own = replace(numerics, threads=numerics.threads or threads_per_rank(comm))
-        super().__init__(comm, RankEngine(physics, own, confinement, roll, rows, fields), roll)
+        super().__init__(comm, LocalEngine(physics, own, confinement, everyone), everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
         self._found = np.zeros(3, np.int64)
-        self._places = Places(comm, self.traffic)
-        self._exchange = Exchange(comm)
-        self._places.share(self.local, len(names))
+        self._boxes = BoxDirectory(comm, self.traffic)
+        self._exchange = GhostExchange(comm)
         self._stale = self._due = True
-        self._changed = False
+
+    def start(
+        self, values: Mapping[str, Any], types: Sequence[str], rows: Integers, fields: Fields
+    ) -> None:
+        """Begin with these cells.
+
+        Parameters
+        ----------
+        values : by column of the cell table, of all N cells
+        types : of all N cells
+        rows : (n,) numbers of the cells whose fields this rank brings
+        fields : of these, lattice origin and start field
+        """
+        self.everyone.add(values, types)
+        self.local.begin(rows, fields)
+        self._boxes.share(self.local, len(self))
 
     def __len__(self) -> int:
-        return len(self._roll.names)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of all cells."""
-        return self._roll.names
-
-    @names.setter
-    def names(self, names: Sequence[str]) -> None:
-        self._roll.names = list(names)
-
-    @property
-    def parents(self) -> list[str]:
-        """Names of the mothers of all cells."""
-        return self._roll.parents
-
-    @parents.setter
-    def parents(self, parents: Sequence[str]) -> None:
-        self._roll.parents = list(parents)
-
-    @property
-    def types(self) -> list[str]:
-        """Types of all cells."""
-        return self._roll.types
+        return len(self.everyone)
 
     @property
     def physics(self) -> Physics:
@@ -121,11 +101,6 @@ class DistributedEngine(Gatherer):
     def steps(self) -> int:
         """Steps taken."""
         return self.local.steps
-
-    @property
-    def fresh(self) -> bool:
-        """Whether the next step is of first order."""
-        return self.local.fresh
 
     @property
     def dtype(self) -> np.dtype:
@@ -145,7 +120,7 @@ class DistributedEngine(Gatherer):
     @property
     def owner(self) -> Integers:
         """(N,) rank of each cell."""
-        return self._places.owner
+        return self._boxes.owner
 
     @contextmanager
     def limited_threads(self) -> Iterator[None]:
@@ -153,16 +128,21 @@ class DistributedEngine(Gatherer):
         with self.local.limited_threads():
             yield
 
-    def step(self, targets: NDArray[np.float64]) -> None:
-        """See `Engine`; `targets` are those of all cells."""
+    def settle(self) -> None:
+        """See `Engine`; here the next step does it, when all ranks hold their ghost cells."""
+
+    def step(self) -> None:
+        """See `Engine`."""
         self.whole = False
         self._kept.clear()
         if self.steps % self.rebalance == 0:
             self._stale = self._due = True
         if self._stale:
             self._settle()
-        self.local.pool.moved = np.zeros(0, np.int64)
-        self.local.step(targets[self.local.rows])
+        local, everyone = self.local, self.everyone
+        local.cells["target"][:] = everyone["target"][local.rows]
+        local.step()
+        everyone["fresh"][:] = False
         self._announce()
         self._exchange.run(self.traffic)
         self.traffic.steps += 1
@@ -176,81 +156,78 @@ class DistributedEngine(Gatherer):
         """See `Engine`."""
         return self._cells_with(VANISHED)
 
-    def remove(self, i: int) -> None:
+    def remove(self, rows: ArrayLike) -> None:
         """See `Engine`."""
-        self._change()
-        self._roll.remove(i)
-        self.local.drop(i)
-        self._places.owner = np.delete(self._places.owner, i)
+        gone = np.sort(np.atleast_1d(np.asarray(rows, np.int64)))[::-1]
+        self.change()
+        self.everyone.remove(gone)
+        for number in gone.tolist():
+            self.local.drop(number)
+        self._boxes.owner = np.delete(self._boxes.owner, gone)
 
     def divide(
-        self, i: int, names: tuple[str, str], types: tuple[str, str], halves: Sequence[CellField]
+        self, row: int, values: Mapping[str, Any], types: Sequence[str], halves: Sequence[CellField]
     ) -> None:
         """See `Engine`; the daughters belong to the mother's rank."""
-        self._change()
-        before = self._places.owner
-        owner = before[i]
-        ids = np.arange(2, dtype=np.uint64) + np.uint64(self._next_id)
-        self._roll.divide(i, names, types, ids)
-        self._next_id += 2
-        self.local.drop(i)
-        self._places.owner = np.append(np.delete(before, i), [owner, owner])
+        self.change()
+        owner = self._boxes.owner[row]
+        born = self.everyone.select(self.everyone.divide(row, values, types))
+        self._boxes.owner = np.append(np.delete(self._boxes.owner, row), [owner, owner])
         if owner == self.comm.rank:
-            self.local.add(len(self) - 2, halves)
-        self.local.forget()
+            self.local.split(row, born, halves)
+        else:
+            self.local.drop(row)
 
-    def describe(
-        self, physics: Physics, types: Sequence[str], gamma: NDArray[np.float64],
-        frozen: NDArray[np.bool_],
-    ) -> None:  # fmt: skip
+    def set_physics(self, physics: Physics) -> None:
         """See `Engine`."""
-        self.local.physics = physics
-        self._roll.types = list(types)
-        self._roll.gamma, self._roll.frozen = np.asarray(gamma, float), np.asarray(frozen, bool)
+        self.everyone.require(_shared(physics))
+        self.local.set_physics(physics)
+        self.restart()
 
-    def refresh(self) -> None:
+    def restart(self, rows: ArrayLike | None = None) -> None:
         """See `Engine`."""
-        self._change()
+        self.change()
+        chosen = np.arange(len(self)) if rows is None else np.asarray(rows, np.int64)
+        self.everyone["fresh"][chosen] = True
+        self.local.pool.forget(np.flatnonzero(np.isin(self.local.rows, chosen)).tolist())
 
-    def restart(self) -> None:
-        """See `Engine`."""
-        self._change()
-        self.local.forget()
-
-    def restore(self, state: Mapping[str, NDArray], steps: int, fresh: bool) -> None:
+    def restore(self, contents: Mapping[str, NDArray], physics: Physics, steps: int) -> None:
         """See `Engine`; every rank takes its share of the state."""
-        self._change()
-        self._roll.ids, self._next_id = np.array(state["ids"]), int(state["next_id"])
-        self._places.owner = self._best_owners(state["origin"], state["shape"])
-        rows = np.flatnonzero(self._places.owner == self.comm.rank)
-        own = np.ones(len(rows), bool)
+        self.change()
+        self.everyone.require(_shared(physics))
+        self.everyone.restore(contents)
+        self.local.set_physics(physics)
+        self.local.steps = steps
+        self._boxes.owner = self._best_owners(contents["origin"], contents["shape"])
+        rows = np.flatnonzero(self._boxes.owner == self.comm.rank)
         self.local.own[:] = False  # nothing that is held stays
-        self.local.hold(rows, own, state["origin"][rows], state["shape"][rows])
-        self.local.take(states.select(state, rows) | {"rows": rows})
-        self.local.steps, self.local.fresh = steps, fresh
+        own = np.ones(len(rows), bool)
+        self.local.hold(rows, own, contents["origin"][rows], contents["shape"][rows])
+        self.local.take(state_transfer.select(contents, rows))
 
-    def _change(self) -> None:
-        """Note that cells or parameters change; the next step begins with `_settle`."""
+    def change(self) -> None:
+        """See `Engine`; the next step begins with `_settle`."""
         self._kept.clear()
-        self._stale = self._changed = True
+        self.local.change()
+        self._stale = True
         self._found[:] = 0
 
     def _best_owners(self, origin: Integers, shape: Integers) -> Integers:
-        return owners(origin + shape / 2, work(shape, self._roll.frozen), self.comm.size)
+        return owners(origin + shape / 2, work(shape, self.everyone["frozen"]), self.comm.size)
 
     def _settle(self) -> None:
         """Bring cells to the ranks that should own them, and copies to where they are felt."""
-        places = self._places
+        places = self._boxes
         places.share(self.local, len(self))
         if self._due or len(np.unique(places.owner)) < self.comm.size:
             self._migrate(self._best_owners(places.origin, places.shape))
-        self._lay(anew=self._changed)
+        self._lay()
         self._exchange.run(self.traffic)
-        self._stale = self._due = self._changed = False
+        self._stale = self._due = False
 
     def _migrate(self, owner: Integers) -> None:
         """Give all cells to these ranks (N,)."""
-        comm, local, places = self.comm, self.local, self._places
+        comm, local, places = self.comm, self.local, self._boxes
         mine = local.rows[local.own]
         leaving = {to: mine[owner[mine] == to] for to in np.unique(owner[mine]).tolist()}
         arrived = []
@@ -267,9 +244,9 @@ class DistributedEngine(Gatherer):
                 local.take(part)
         places.owner = owner
 
-    def _lay(self, anew: bool) -> None:
-        """Hold copies of the cells that are near now; the next exchange fills the new ones."""
-        places, rank = self._places, self.comm.rank
+    def _lay(self) -> None:
+        """Hold ghost cells that are near now; the next exchange fills the new ones."""
+        places, rank = self._boxes, self.comm.rank
         sends, gets = portions(places.origin, places.shape, places.owner, rank)
         mine = np.flatnonzero(places.owner == rank)
         parts = list(gets.values())
@@ -279,15 +256,12 @@ class DistributedEngine(Gatherer):
         order = np.argsort(rows)
         local = self.local
         local.hold(rows[order], order < len(mine), origin[order], shape[order])
-        if anew or not local.enrolled:
-            local.enrol(anew)
-        local.lay()
         self._exchange.plan(local.pool, local.rows, sends, gets)
 
     def _announce(self) -> None:
         """Tell all ranks which boxes have moved, and whether cells have diverged or vanished."""
         local, begin = self.local, time.perf_counter()
-        surveys, moved = local.pool.surveys[local.own], local.pool.moved
+        surveys, moved = local.pool.surveys[local.own], local.moved
         mine = np.array([len(moved), (surveys[:, BAD] > 0).sum(), (surveys[:, CORE] == 0).sum()])
         counts = np.zeros((self.comm.size, len(mine)), np.int64)
         self.comm.Allgather(mine, counts)
@@ -295,15 +269,15 @@ class DistributedEngine(Gatherer):
         self.traffic.notices += mine.nbytes
         self.traffic.seconds += time.perf_counter() - begin
         if self._found[MOVED]:
-            told = self._places.update(local, moved, counts[:, MOVED].copy())
+            told = self._boxes.update(local, moved, counts[:, MOVED].copy())
             if self._concerned(told):
-                self._lay(anew=False)
+                self._lay()
 
     def _concerned(self, moved: Integers) -> bool:
         """Whether any of these boxes is held here, or has come near."""
         if np.isin(moved, self.local.rows).any():
             return True
-        places, mine = self._places, self.local.rows[self.local.own]
+        places, mine = self._boxes, self.local.rows[self.local.own]
         both = np.concatenate([mine, moved])
         reach = Reach.of(places.origin[both], places.shape[both])
         met, _ = reach.pairs(np.arange(len(mine)), np.arange(len(mine), len(both)))
@@ -318,3 +292,8 @@ class DistributedEngine(Gatherer):
         here = surveys[:, BAD] > 0 if what == DIVERGED else surveys[:, CORE] == 0
         lists = self.comm.allgather(local.rows[local.own][here])
         return np.sort(np.concatenate(lists))
+
+
+def _shared(physics: Physics) -> list[Column]:
+    """Columns that every rank knows of all cells."""
+    return [column for column in (*COLUMNS, *physics.columns) if column.shared]

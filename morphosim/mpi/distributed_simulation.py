@@ -1,21 +1,19 @@
 """A simulation over ranks: the same scene, the same steps, each rank with its share."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from typing import Any, cast, overload
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from morphosim.cell_field import CellField
 from morphosim.engine.engine import Engine
 from morphosim.mpi.communicator import StoppedError, agreed, world
 from morphosim.mpi.distributed_engine import DistributedEngine
-from morphosim.physics.parameters import Physics
 from morphosim.runs.checkpoint import Checkpoint
+from morphosim.simulation.changes import used_names
 from morphosim.simulation.observers import Observer
 from morphosim.simulation.simulation import Simulation
-from morphosim.simulation.start import start_fields
+from morphosim.simulation.start import cell_columns, start_fields
 
 
 class DistributedSimulation(Simulation):
@@ -39,64 +37,38 @@ class DistributedSimulation(Simulation):
     >>> simulation = DistributedSimulation(scene)  # doctest: +SKIP
     """
 
-    @property
-    def shares(self) -> DistributedEngine:
-        """The engine."""
-        return cast(DistributedEngine, self.engine)
-
-    @property
-    def centroids(self) -> NDArray[np.float64]:
-        """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
-        return self.shares.centroids
-
-    @property
-    def fields(self) -> list[CellField]:
-        """Copies of the cells' fields, fetched from their ranks when they are looked at."""
-        return cast(list[CellField], _Fields(self.shares))
-
-    def _make_engine(self, physics: Physics, state: Checkpoint | None) -> Engine:
+    def _make_engine(self) -> Engine:
         """Engine of which this rank has a share; it has all that a simulation asks for."""
-        comm, scene = world(), self.scene
-        if len(self.cells) < comm.size:
+        scene = self.scene
+        return cast(
+            Engine, DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement)
+        )
+
+    def _start(self) -> None:
+        """Begin with the cells of the scene, of which each rank makes some."""
+        comm, cells = world(), self.scene.cells
+        self._check_shares(len(cells))
+        rows = np.arange(comm.rank, len(cells), comm.size)
+        fields = agreed(
+            comm, lambda: list(start_fields(self.scene, [cells[i] for i in rows.tolist()]))
+        )
+        engine = cast(DistributedEngine, self.engine)
+        engine.start(cell_columns(cells), self.scene.types, rows, fields)
+        self._used = used_names(engine.everyone, ())
+
+    def _take_over(self, state: Checkpoint) -> None:
+        """See `Simulation`."""
+        self._check_shares(len(state.names))
+        super()._take_over(state)
+
+    def _check_shares(self, count: int) -> None:
+        """Raise ValueError if there are fewer cells than ranks."""
+        if count < world().size:
             message = (
-                f"{len(self.cells)} cells on {comm.size} ranks: every rank needs a cell; start at "
-                f"most {len(self.cells)} ranks"
+                f"{count} cells on {world().size} ranks: every rank needs a cell; start at most "
+                f"{count} ranks"
             )
             raise ValueError(message)
-        rows = np.arange(comm.rank, len(self.cells), comm.size)
-
-        def make() -> Any:
-            return list(start_fields(scene, [self.cells[i] for i in rows]))
-
-        fields = agreed(comm, make) if state is None else _saved(state, rows)
-        engine = DistributedEngine(
-            comm, physics, scene.numerics, scene.confinement, self.names,
-            *self._described(physics), [cell.parent for cell in self.cells], rows, fields,
-        )  # fmt: skip
-        return cast(Engine, engine)
-
-
-class _Fields(Sequence[CellField]):
-    """Fields of all cells: one is fetched alone, to look at all gathers all."""
-
-    def __init__(self, engine: DistributedEngine) -> None:
-        self._engine = engine
-
-    def __len__(self) -> int:
-        return len(self._engine)
-
-    @overload
-    def __getitem__(self, i: int) -> CellField: ...
-    @overload
-    def __getitem__(self, i: slice) -> Sequence[CellField]: ...
-    def __getitem__(self, i: int | slice) -> CellField | Sequence[CellField]:
-        if isinstance(i, slice):
-            return list(self)[i]
-        return self._engine.field(range(len(self))[i])
-
-    def __iter__(self) -> Iterator[CellField]:
-        pool, names = self._engine.pool, self._engine.names
-        return (CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(names))
 
 
 class RootObserver:
@@ -119,13 +91,15 @@ class RootObserver:
 
     def __init__(
         self,
-        make: Callable[[], Iterable[Observer]],
+        make: Callable[[], Iterable[Observer[Simulation]]],
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
         comm = world()
         self._interrupted = interrupted
-        self.observers: list[Observer] = agreed(comm, lambda: [] if comm.rank else list(make()))
-        self._started: list[Observer] = []
+        self.observers: list[Observer[Simulation]] = agreed(
+            comm, lambda: [] if comm.rank else list(make())
+        )
+        self._started: list[Observer[Simulation]] = []
 
     def start(self, simulation: Simulation) -> None:
         """See `Observer`."""
@@ -204,14 +178,3 @@ def on_root(simulation: Simulation, action: Callable[[], None]) -> None:
         if told[0] == "KeyboardInterrupt":
             raise KeyboardInterrupt
         raise StoppedError(told[1])
-
-
-def _saved(
-    state: Checkpoint, rows: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
-    """Origin and field of some cells of a snapshot."""
-    shapes, origin = state.arrays["shape"], state.arrays["origin"]
-    ends = np.cumsum(shapes.prod(axis=1))
-    for i in rows.tolist():
-        phi = state.arrays["phi"][ends[i] - shapes[i].prod() : ends[i]]
-        yield origin[i], phi.reshape(shapes[i])

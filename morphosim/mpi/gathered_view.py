@@ -2,23 +2,25 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
+from morphosim.cell_table import CellTable
+from morphosim.engine import box_pool
 from morphosim.engine.box_pool import BoxPool
 from morphosim.kernels.boxes import CORE, TOTAL
-from morphosim.measure.measurement import centroids
-from morphosim.mpi import state_transfer as states
-from morphosim.mpi.local_engine import RankEngine, Roll
+from morphosim.measure.measurement import Measurement, centroids, measure
+from morphosim.mpi import state_transfer
+from morphosim.mpi.local_engine import LocalEngine
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 
-class Gatherer:
+class GatheredView:
     """Figures and fields of all cells, gathered when they are asked for.
 
     By default all ranks ask, and all get them. Within `alone` rank 0 asks and gets, while the
@@ -27,15 +29,15 @@ class Gatherer:
     Parameters
     ----------
     comm : communicator of all ranks
-    local : RankEngine
-    roll : Roll
+    local : LocalEngine
+    everyone : CellTable
+        What every rank knows of all cells.
     """
 
-    def __init__(self, comm: "Comm", local: RankEngine, roll: Roll) -> None:
-        self.comm, self.local, self._roll = comm, local, roll
+    def __init__(self, comm: "Comm", local: LocalEngine, everyone: CellTable) -> None:
+        self.comm, self.local, self.everyone = comm, local, everyone
         self._alone = False
         self._kept: dict[str, Any] = {}
-        self._next_id = len(roll.names)
 
     @property
     def _volume(self) -> float:
@@ -78,9 +80,20 @@ class Gatherer:
     def contents(self) -> dict[str, NDArray]:
         """See `Engine`: of all cells."""
         state: dict[str, NDArray] = self._gathered("gather_state")[0]
-        return state | {
-            "ids": self._roll.ids.copy(), "next_id": np.array(self._next_id),
-        }  # fmt: skip
+        return self.everyone.saved() | state
+
+    @property
+    def fields(self) -> Sequence[CellField]:
+        """Copies of the cells' fields, fetched from their ranks when they are looked at."""
+        return _Fields(self)
+
+    def measured(self) -> Measurement:
+        """See `Engine`: of all cells, on this rank's threads."""
+        pool = self.pool
+        with self.local.limited_threads():
+            return measure(
+                pool.phi, pool.origin, pool.shape, pool.start, self.local.numerics.spacing
+            )
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -89,15 +102,16 @@ class Gatherer:
 
     def field(self, i: int) -> CellField:
         """Copy of one cell's field, on all ranks."""
+        name = self.everyone["name"][i]
         if self._alone:
-            return CellField(self._roll.names[i], self.pool.origin[i], self.pool.box(i))
+            return CellField(name, self.pool.origin[i], self.pool.box(i))
         owner = int(self.owner[i])
         sent = None
         if owner == self.comm.rank:
             place = int(np.searchsorted(self.local.rows, i))
             sent = self.local.pool.origin[place], self.local.pool.box(place).copy()
         origin, phi = self.comm.bcast(sent, owner)
-        return CellField(self._roll.names[i], origin, phi)
+        return CellField(name, origin, phi)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -123,7 +137,7 @@ class Gatherer:
             "rows": local.rows[own], "surveys": local.pool.surveys[own],
             "lost": local.pool.lost[own], "face_peak": local.face_peak[own],
         }  # fmt: skip
-        parts = states.gather(self.comm, part, everyone)
+        parts = state_transfer.gather(self.comm, part, everyone)
         return None if parts is None else _in_order(parts)
 
     def gather_centroids(self, everyone: bool) -> NDArray[np.float64] | None:
@@ -134,19 +148,22 @@ class Gatherer:
             boxes = pool.origin[own], pool.shape[own], pool.start[own]
             found = centroids(pool.phi, *boxes, self.local.numerics.spacing)
         part = {"rows": self.local.rows[own], "centroids": found}
-        parts = states.gather(self.comm, part, everyone)
+        parts = state_transfer.gather(self.comm, part, everyone)
         return None if parts is None else _in_order(parts)["centroids"]
 
     def gather_state(self, everyone: bool) -> tuple[dict[str, NDArray], BoxPool] | None:
         """State of all cells, and a pool that holds it."""
         rows = self.local.rows[self.local.own]
         part = self.local.part(rows) if len(rows) else {"rows": rows}
-        parts = states.gather(self.comm, part, everyone)
+        parts = state_transfer.gather(self.comm, part, everyone)
         if parts is None:
             return None
-        state, like = states.merge(parts), self.local.pool
+        state, like = state_transfer.merge(parts), self.local.pool
         del parts, part
-        pool = BoxPool(like.dtype, like.limits, like.history is not None, like.band_only)
+        cells, none = CellTable(box_pool.COLUMNS), np.zeros(0, np.int64)
+        cells.arrange(none, none, len(state["origin"]))
+        cells.fill({c.name: state[c.name] for c in box_pool.COLUMNS if c.saved})
+        pool = BoxPool(cells, like.dtype, like.limits, like.history is not None, like.band_only)
         pool.restore(state)
         return state, pool
 
@@ -159,7 +176,30 @@ class Gatherer:
         return self._kept[what]
 
 
-def _in_order(parts: Sequence[states.State]) -> dict[str, NDArray]:
+class _Fields(Sequence[CellField]):
+    """Fields of all cells: one is fetched alone, to look at all gathers all."""
+
+    def __init__(self, view: GatheredView) -> None:
+        self._view = view
+
+    def __len__(self) -> int:
+        return len(self._view.everyone)
+
+    @overload
+    def __getitem__(self, i: int) -> CellField: ...
+    @overload
+    def __getitem__(self, i: slice) -> Sequence[CellField]: ...
+    def __getitem__(self, i: int | slice) -> CellField | Sequence[CellField]:
+        if isinstance(i, slice):
+            return list(self)[i]
+        return self._view.field(range(len(self))[i])
+
+    def __iter__(self) -> Iterator[CellField]:
+        pool, names = self._view.pool, self._view.everyone.names
+        return (CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(names))
+
+
+def _in_order(parts: Sequence[state_transfer.State]) -> dict[str, NDArray]:
     """Arrays with a row per cell, put together in the order of the cells."""
     order = np.argsort(np.concatenate([part["rows"] for part in parts]))
     return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}

@@ -72,7 +72,7 @@ def size_of(portion: Portion, dtype: np.dtype) -> int:
     return ROW * portion.planes + dtype.itemsize * portion.points
 
 
-class Exchange:
+class GhostExchange:
     """The messages of a rank with its neighbours.
 
     Parameters

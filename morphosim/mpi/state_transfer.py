@@ -14,19 +14,21 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 State = Mapping[str, NDArray]
-PER_CELL = ("origin", "shape", "lost", "surveys", "face_peak")
 FLAT = ("phi", "history", "band")
 MOST_BYTES = 1 << 30
 """Bytes per message; MPI counts them in 32 bits."""
 
 
 def select(state: State, cells: NDArray[np.int64]) -> dict[str, NDArray]:
-    """Part of a state that belongs to some cells, in their order."""
-    result = {name: state[name][cells] for name in PER_CELL}
-    for name in FLAT:
-        if name in state:
+    """Part of a state that belongs to some cells, in their order, with their numbers as "rows"."""
+    count = len(state["shape"])
+    result = {"rows": cells}
+    for name, values in state.items():
+        if name in FLAT:
             stretches = _stretches(state, name)
             result[name] = np.concatenate([stretches[i] for i in cells.tolist()])
+        elif values.ndim and len(values) == count:
+            result[name] = values[cells]
     return result
 
 
@@ -34,11 +36,13 @@ def merge(parts: Sequence[State]) -> dict[str, NDArray]:
     """State of all cells from parts, each with the numbers of its cells as "rows"."""
     parts = [part for part in parts if len(part["rows"])]
     order = np.argsort(np.concatenate([part["rows"] for part in parts]))
-    result = {name: np.concatenate([part[name] for part in parts])[order] for name in PER_CELL}
-    for name in FLAT:
-        if name in parts[0]:
+    result = {}
+    for name in parts[0].keys() - {"rows"}:
+        if name in FLAT:
             stretches = [s for part in parts for s in _stretches(part, name)]
             result[name] = np.concatenate([stretches[k] for k in order.tolist()])
+        else:
+            result[name] = np.concatenate([part[name] for part in parts])[order]
     return result
 
 

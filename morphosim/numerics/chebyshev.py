@@ -18,7 +18,7 @@ def largest_eigenvalue(order: int, spacing: float) -> float:
     return float(-3 * (weights[0] + 2 * alternating) / spacing**2)
 
 
-def sweep_roots(lhs: float, interface: float, top: float, sweeps: int) -> NDArray[np.float64]:
+def chebyshev_roots(lhs: float, interface: float, top: float, sweeps: int) -> NDArray[np.float64]:
     """Roots λ of the error polynomial Π (1 - a/λ) of the sweeps over eigenvalues a of lhs - γΔ.
 
     It is the Chebyshev polynomial of an interval that ends at lhs + `top` and begins such that its

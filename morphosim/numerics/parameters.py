@@ -9,7 +9,8 @@ import numpy as np
 from morphosim import _validate
 
 SCHEMES = ("bdf2", "imex1", "euler")
-SOLVERS = ("dct", "band")
+SOLVERS = {"dct": "cosine", "band": "band"}
+"""Solvers, and the modules of `engine.solvers` that make them."""
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
@@ -43,11 +44,11 @@ class Numerics:
         that is already in motion with 0.
     solver : {"dct", "band"}
         How the implicit step is solved: exactly, by cosine transforms of each box, or by `sweeps`
-        over the band, the rows where the field is not 0. Not used by "euler", which is explicit
-        and works on the band.
+        Chebyshev iterations on the band, the rows where the field is not 0. Not used by "euler",
+        which is explicit and works on the band.
     sweeps : int
-        Least number of sweeps of the "band" solver; more are taken where fewer would not converge
-        (see `schemes.sweep_roots`).
+        Least number of Chebyshev iterations of the "band" solver; more are taken where fewer would
+        not converge (see `numerics.chebyshev`).
     spacing : float
         Lattice spacing in µm.
     order : {2, 4, 6}
@@ -141,6 +142,11 @@ class Numerics:
         """
         _validate.choice("preset", name, tuple(PRESETS))
         return cls(**(PRESETS[name] | changes))
+
+    @property
+    def active_solver(self) -> str:
+        """The solver at work: explicit Euler has but that of the band."""
+        return "band" if self.scheme == "euler" else self.solver
 
     @property
     def worker_count(self) -> int:

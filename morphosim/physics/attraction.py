@@ -3,18 +3,24 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim.physics.term import Concern, Conditions, Environment, Term
 
 Pair = tuple[str, str]
+STRONGEST = {"long": 11.0, "short": 15.0}
+"""Largest σ / γ that was stable at δt = 2, and at any δt; at 16, cells of γ = 1/64 fail at any."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Attraction:
-    """Strength σ[j, i] with which cell j pulls on cell i; σ need not be symmetric.
+class Attraction(Term):
+    """- ∇φ_i·∇ψ_i with ψ_i = Σ_j σ_ji φ_j (Eq. 4): cell j pulls on cell i with σ[j, i].
+
+    σ need not be symmetric.
 
     The most specific statement holds: a pair of cells, else `sisters`, else a pair of types, else
     `default`.
@@ -47,6 +53,9 @@ class Attraction:
     sisters: float | None = None
     types: Mapping[Pair, float] = field(default_factory=dict)
     pairs: Mapping[Pair, float] = field(default_factory=dict)
+
+    drifts = False
+    label = "attraction"
 
     def __post_init__(self) -> None:
         _validate.number("sigma.default", self.default, least=0)
@@ -97,22 +106,36 @@ class Attraction:
         """(K, K) σ by type, [j, i]."""
         return np.array([[self.of_types(j, i) for i in types] for j in types])
 
+    @property
+    def stated(self) -> set[str]:
+        """Names of the cells in `pairs`."""
+        return {name for pair in self.pairs for name in pair}
+
+    @property
+    def needs_parents(self) -> bool:
+        """Whether `exceptions` looks at the cells' mothers."""
+        return self.sisters is not None
+
     def exceptions(
-        self, names: Sequence[str], parents: Sequence[str] | None = None
+        self, rows: Mapping[str, int], parents: Sequence[str] | None = None
     ) -> dict[tuple[int, int], float]:
-        """σ by (j, i), numbers of cells, of all pairs whose σ their types do not tell.
+        """σ by (j, i), rows of cells, of all pairs whose σ their types do not tell.
 
         These are the stated pairs and, where `sisters` is given, cells of the same parent; ""
         is no parent.
+
+        Parameters
+        ----------
+        rows : rows of living cells by name, at least of those in `stated`
+        parents : names of the mothers of all N cells, optional
         """
         found: dict[tuple[int, int], float] = {}
         if self.sisters is not None and parents is not None:
             found = dict.fromkeys(_sister_pairs(parents), self.sisters)
-        index = {name: k for k, name in enumerate(names)}
         reversed_pairs = {(i, j): value for (j, i), value in self.pairs.items()}
         for (j, i), value in (reversed_pairs | dict(self.pairs)).items():
-            if i != j and j in index and i in index:
-                found[index[j], index[i]] = value
+            if i != j and j in rows and i in rows:
+                found[rows[j], rows[i]] = value
         return found
 
     def matrix(
@@ -124,18 +147,42 @@ class Attraction:
         """Full (N, N) matrix σ[j, i] for cells with these names, types and parents; diagonal 0."""
         kinds = types if types is not None else [""] * len(names)
         sigma = np.array([[self.of_types(j, i) for i in kinds] for j in kinds])
-        for (j, i), value in self.exceptions(names, parents).items():
+        rows = {name: row for row, name in enumerate(names)}
+        for (j, i), value in self.exceptions(rows, parents).items():
             sigma[j, i] = value
         np.fill_diagonal(sigma, 0.0)
         return sigma
 
-    def among(self, names: Sequence[str], types: Collection[str]) -> "Attraction":
+    def among(self, names: Collection[str], types: Collection[str]) -> Self:
         """Copy that says nothing of other cells and types than these."""
         kept_types = {pair: v for pair, v in self.types.items() if {*pair} <= {*types}}
         kept_pairs = {pair: v for pair, v in self.pairs.items() if {*pair} <= {*names}}
         return replace(self, types=kept_types, pairs=kept_pairs)
 
-    def check_names(self, names: Sequence[str], types: Sequence[str]) -> None:
+    @property
+    def present(self) -> bool:
+        """Whether any cell may pull on another."""
+        stated = (self.default, self.sisters, *self.types.values(), *self.pairs.values())
+        return any(stated)
+
+    def surround(self, environment: Environment) -> None:
+        """Add to ψ."""
+        environment.attraction = self
+
+    def concern(self, conditions: Conditions) -> Concern | None:
+        """Cells that tear each other apart."""
+        strongest = self.strongest(conditions.types)
+        softest = float(conditions.tensions.min())
+        limit = STRONGEST["long" if conditions.numerics.dt > 1 else "short"]
+        if not conditions.several or strongest <= limit * softest:
+            return None
+        return Concern(
+            strongest / (limit * softest),
+            f"physics.sigma = {strongest:g} is more than {limit:g} times the surface tension "
+            f"{softest:g}: cells may tear each other apart. Take a weaker sigma or a larger gamma",
+        )
+
+    def check(self, names: Collection[str], types: Collection[str]) -> None:
         """Raise ValueError if a pair names a cell or a type that does not exist."""
         for j, i in self.pairs:
             if i == j:

@@ -13,17 +13,63 @@ hard that its pressure M' (1 - v/V) is not small against g' is let further out t
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim import _validate
 from morphosim.geometry.confinement import Confinement
 from morphosim.numerics.parameters import Numerics
+from morphosim.physics.term import Conditions, Environment, Term
 
 Floats = NDArray[np.float64]
 Repulsion = Callable[[Floats, Floats, Floats], Floats]
 DIFFUSENESS = 0.3
 """a of the logistic wall, in lattice spacings."""
+PRESSED = 1.0
+"""Measured addition to the wall's rate where cells are pressed to it."""
+SIGNIFICANT = 9
+"""Digits of the mean surface tension that count, so that its rounding makes no new wall."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfinementRepulsion(Term):
+    """- g_e φ φ_e², φ_e the confinement: 0 inside, 1 outside (Eq. 3).
+
+    Attributes
+    ----------
+    g_e : float
+        Strength.
+    """
+
+    g_e: float
+
+    drifts = False
+    label = "walls"
+
+    def __post_init__(self) -> None:
+        _validate.number("physics.g_e", self.g_e, least=0)
+
+    @property
+    def present(self) -> bool:
+        """Whether walls repel."""
+        return self.g_e > 0
+
+    def surround(self, environment: Environment) -> None:
+        """Add g_e φ_e² to R."""
+        walls, numerics = environment.confinement, environment.numerics
+        if walls is not None:
+            gamma = float(f"{environment.tension:.{SIGNIFICANT}g}")
+            function = wall_repulsion(walls, self.g_e, gamma, numerics)
+            environment.walls.append(((self, walls, gamma), function))
+
+    def explicit_rate(self, conditions: Conditions) -> float:
+        """g_e φ_e² at most, and what pressing cells to the wall adds."""
+        walls, numerics = conditions.confinement, conditions.numerics
+        if walls is None:
+            return 0.0
+        return PRESSED + wall_strength(walls, self.g_e, conditions.mean_tension, numerics)
 
 
 def wall_repulsion(

@@ -2,12 +2,17 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 from morphosim import _validate
+from morphosim.cell_table import Column
 from morphosim.physics.attraction import Attraction
-
-VOLUME_CONSTRAINTS = ("relative", "absolute", "none")
-_DEFAULT_M = {"relative": 8.0, "absolute": 0.0016, "none": 0.0}
+from morphosim.physics.confinement_repulsion import ConfinementRepulsion
+from morphosim.physics.motility import Motility
+from morphosim.physics.repulsion import Repulsion
+from morphosim.physics.surface_tension import SurfaceTension
+from morphosim.physics.term import Term
+from morphosim.physics.volume_constraint import VolumeConstraint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +43,8 @@ class Physics:
         displacement along an axis is (κ δt/τ)² t: it depends on δt.
     kappa_by_type : mapping from cell type to float
         κ of cells of these types, instead of `kappa`.
+    terms : sequence of Term
+        Further force terms, such as your own; see `physics.term`.
 
     Raises
     ------
@@ -55,27 +62,51 @@ class Physics:
     sigma: Attraction | float = field(default_factory=Attraction)
     kappa: float = 0.0
     kappa_by_type: Mapping[str, float] = field(default_factory=dict)
+    terms: Sequence[Term] = ()
 
     def __post_init__(self) -> None:
-        for name in ("tau", "gamma", "c"):
-            _validate.number(f"physics.{name}", getattr(self, name), above=0)
-        _validate.choice("physics.volume_constraint", self.volume_constraint, VOLUME_CONSTRAINTS)
-        if self.M is not None:
-            _validate.number("physics.M", self.M, least=0)
-        for name in ("g", "g_e", "kappa"):
-            _validate.number(f"physics.{name}", getattr(self, name), least=0)
-        _validate.instance("physics.kappa_by_type", self.kappa_by_type, Mapping)
-        for kind, kappa in self.kappa_by_type.items():
-            _validate.number(f"physics.kappa_by_type[{kind!r}]", kappa, least=0)
+        _validate.number("physics.tau", self.tau, above=0)
         if not isinstance(self.sigma, Attraction):
             value = _validate.number("physics.sigma", self.sigma, least=0)
             object.__setattr__(self, "sigma", Attraction(default=value))
+        _validate.instance("physics.terms", self.terms, Sequence)
+        for k, term in enumerate(self.terms):
+            _validate.instance(f"physics.terms[{k}]", term, Term)
+        object.__setattr__(self, "terms", tuple(self.terms))
+        _ = self.all_terms  # each checks its own parameters
 
     @property
-    def volume_strength(self) -> float:
-        """`M` or its default; 0 where the volume is not constrained."""
-        default = _DEFAULT_M[self.volume_constraint]
-        return default if self.M is None or self.volume_constraint == "none" else self.M
+    def all_terms(self) -> tuple[Term, ...]:
+        """The terms of the sum F (Eq. S2, S3), in the order in which they are added."""
+        return (
+            self.surface_tension,
+            self.constraint,
+            Repulsion(g=self.g),
+            ConfinementRepulsion(g_e=self.g_e),
+            self.attraction,
+            Motility(kappa=self.kappa, kappa_by_type=self.kappa_by_type),
+            *self.terms,
+        )
+
+    @property
+    def active_terms(self) -> tuple[Term, ...]:
+        """Those that act."""
+        return tuple(term for term in self.all_terms if term.present)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What the terms that act keep of each cell."""
+        return tuple(column for term in self.active_terms for column in term.columns)
+
+    @property
+    def surface_tension(self) -> SurfaceTension:
+        """`gamma` and `c` as a term."""
+        return SurfaceTension(gamma=self.gamma, c=self.c)
+
+    @property
+    def constraint(self) -> VolumeConstraint:
+        """`volume_constraint` and `M` as a term."""
+        return VolumeConstraint(kind=self.volume_constraint, M=self.M)
 
     @property
     def attraction(self) -> Attraction:
@@ -83,19 +114,23 @@ class Physics:
         assert isinstance(self.sigma, Attraction)
         return self.sigma
 
-    def check_types(self, types: Sequence[str]) -> None:
-        """Raise ValueError if `kappa_by_type` names a type that is not one of these."""
-        for kind in self.kappa_by_type:
-            _validate.choice("type in physics.kappa_by_type", kind, types)
+    @property
+    def volume_strength(self) -> float:
+        """`M` or its default; 0 where the volume is not constrained."""
+        return self.constraint.strength
 
-    def among(self, names: Sequence[str], types: Collection[str]) -> "Physics":
+    def check(self, names: Collection[str], types: Collection[str]) -> None:
+        """Raise ValueError if a term names a cell or a type that is not one of these."""
+        for term in self.all_terms:
+            term.check(names, types)
+
+    def among(self, names: Collection[str], types: Collection[str]) -> Self:
         """Copy that says nothing of other cells and types than these."""
         kappa = {kind: value for kind, value in self.kappa_by_type.items() if kind in types}
-        return replace(self, sigma=self.attraction.among(names, types), kappa_by_type=kappa)
-
-    def motility(self, kind: str) -> float:
-        """κ of cells of a type."""
-        return self.kappa_by_type.get(kind, self.kappa)
+        return replace(
+            self, sigma=self.attraction.among(names, types), kappa_by_type=kappa,
+            terms=[term.among(names, types) for term in self.terms],
+        )  # fmt: skip
 
     @property
     def interface_scale(self) -> float:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing
+from morphosim.provenance import versions
 
-FORMAT = 1
-"""Version of the file; others are refused."""
+FORMAT = 2
+"""Version of the file; others are refused. Version 0.1 of the package wrote 1."""
 FACTS, BACK = "facts", "back:"
 
 
@@ -22,33 +23,32 @@ class Checkpoint:
 
     Attributes
     ----------
-    cells : what a scene file says of the cells that are alive, in the order of the arrays
-    physics : likewise, of the physics that hold
+    physics : what a scene file says of the physics that hold
     steps : steps taken
-    fresh : whether the next step has no history
     stage : name of the stage
     removed : (time, name) of cells that were taken out
     settings : physics and numerics of the scene, as a scene file says them
-    arrays : what `Engine.contents` gives
+    arrays : what `Engine.contents` gives: the columns of the cell table, and the fields
+    volumes : target volumes that are functions, by name of the cell: what a scene file says of a
+        `VolumeCourse`, or None for another function, which is the scene's to say
     progress : how far the stages are, see `Progress.facts`; None without stages
     back : state that the present stage may end with
     """
 
-    cells: tuple[Mapping[str, Any], ...]
     physics: Mapping[str, Any]
     steps: int
-    fresh: bool
     stage: str
     removed: tuple[tuple[float, str], ...]
     settings: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
+    volumes: Mapping[str, Mapping[str, Any] | None] = field(default_factory=dict)
     progress: Mapping[str, Any] | None = None
     back: "Checkpoint | None" = None
 
     @property
     def names(self) -> list[str]:
         """Names of the cells."""
-        return [row["name"] for row in self.cells]
+        return [str(name) for name in self.arrays["name"]]
 
     def write(self, path: Path) -> None:
         """Write to an .npz file, which appears whole or not at all."""
@@ -58,8 +58,9 @@ class Checkpoint:
 
     def _packed(self, prefix: str) -> dict[str, NDArray[Any]]:
         """Arrays of a file, with this before their names."""
-        facts = {f.name: getattr(self, f.name) for f in fields(self)} | {"format": FORMAT}
+        facts = {f.name: getattr(self, f.name) for f in fields(self)}
         del facts["arrays"], facts["back"]
+        facts |= {"format": FORMAT, "version": versions()["morphosim"]}
         arrays = {prefix + name: value for name, value in self.arrays.items()}
         arrays[prefix + FACTS] = np.array(json.dumps(facts))
         return arrays | (self.back._packed(prefix + BACK) if self.back else {})
@@ -72,10 +73,14 @@ class Checkpoint:
     @classmethod
     def _unpacked(cls, arrays: dict[str, NDArray[Any]], path: Path) -> "Checkpoint":
         facts = json.loads(str(arrays.pop(FACTS)))
+        written_by = facts.pop("version", "0.1.0")
         if facts.pop("format") != FORMAT:
-            message = f"{path} is of another version of the package; go on with that version"
+            message = (
+                f"{path} was written by version {written_by} of morphosim, this is "
+                f"{versions()['morphosim']}; go on with that version, or start a new run from the "
+                f"fields: morphosim run SCENE --from {path.parent} -o NEW"
+            )
             raise ValueError(message)
-        facts["cells"] = tuple(facts["cells"])
         facts["removed"] = tuple((time, name) for time, name in facts["removed"])
         inner = {
             name.removeprefix(BACK): arrays.pop(name)

@@ -1,7 +1,8 @@
 """A cell at the start of a scene."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -80,22 +81,30 @@ class Cell:
         if not callable(getattr(self.shape, "bounds", None)):
             message = f"cell {self.name!r}: shape = {self.shape!r} is not a shape"
             raise TypeError(message)
-        _validate.text(f"cell {self.name!r}: type", self.type)
-        _validate.text(f"cell {self.name!r}: parent", self.parent)
-        _validate.flag(f"cell {self.name!r}: frozen", self.frozen)
-        if self.gamma is not None:
-            _validate.number(f"cell {self.name!r}: gamma", self.gamma, above=0)
+        names = ("type", "parent", "frozen", "gamma")
+        check_values(self.name, {name: getattr(self, name) for name in names})
         self.target_volume(0.0)
 
     def target_volume(self, time: float) -> float:
         """V(t) in µm³; raises ValueError if it is not positive and finite."""
-        if self.volume is None:
-            value = self.shape.volume
-        elif callable(self.volume):
-            value = self.volume(time)
-        else:
-            value = self.volume
-        return _validate.number(f"cell {self.name!r}: volume at t = {time:g}", value, above=0)
+        return volume_at(self.name, self.shape.volume if self.volume is None else self.volume, time)
+
+
+def volume_at(name: str, volume: float | VolumeFunction, time: float) -> float:
+    """Target volume of a cell at a time, µm³; ValueError if it is not positive and finite."""
+    value = volume(time) if callable(volume) else volume
+    return _validate.number(f"cell {name!r}: volume at t = {time:g}", value, above=0)
+
+
+def check_values(name: str, values: Mapping[str, Any]) -> None:
+    """Raise ValueError unless these values of a cell, fields of `Cell`, are allowed."""
+    for key in ("type", "parent"):
+        if key in values:
+            _validate.text(f"cell {name!r}: {key}", values[key])
+    if "frozen" in values:
+        _validate.flag(f"cell {name!r}: frozen", values["frozen"])
+    if values.get("gamma") is not None:
+        _validate.number(f"cell {name!r}: gamma", values["gamma"], above=0)
 
 
 def tensions(cells: Iterable[Cell], physics: Physics) -> list[float]:

@@ -100,12 +100,11 @@ class Scene:
         A scene that begins with a later stage (`from_stage`) may do so until it has its cells.
         """
         for stage in self.stages:
-            if stage.physics.keys() & {"sigma", "kappa_by_type"}:
+            if stage.physics.keys() & {"sigma", "kappa_by_type", "terms"}:
                 self._check_names(replace(self.physics, **stage.physics))
 
     def _check_names(self, physics: Physics) -> None:
-        physics.check_types(self.possible_types)
-        physics.attraction.check_names(self.possible_names, self.possible_types)
+        physics.check(self.possible_names, self.possible_types)
 
     @property
     def names(self) -> list[str]:
@@ -124,6 +123,15 @@ class Scene:
             return self.duration
         times = [s.end.time for s in self.stages if isinstance(s.end, Duration)]
         return min(sum(times), self.duration) if len(times) == len(self.stages) else None
+
+    @property
+    def courses(self) -> list[Physics]:
+        """The physics at the start, and from each stage on that changes them."""
+        courses = [self.physics]
+        for stage in self.stages:
+            if stage.physics:
+                courses.append(replace(courses[-1], **stage.physics))
+        return courses
 
     @property
     def possible_types(self) -> list[str]:

@@ -1,8 +1,9 @@
 """What is stable, told before the first step: where `Numerics` meets `Physics`.
 
 What a step takes explicitly relaxes φ at a rate f / τ: the walls (g_e φ_e²), other cells (g Σ φ²)
-and the double well (2γc at φ = 0 and 1), or the volume constraint (M' A / V, A the surface). A
-perturbation flips its sign at every step and grows unless
+and the double well (2γc at φ = 0 and 1), or the volume constraint (M' A / V, A the surface). Each
+force term tells its own (`Term.explicit_rate`, `Term.whole_cell_rate`). A perturbation flips its
+sign at every step and grows unless
 
     S > 3/4 f - τ/δt   ("bdf2", Eq. 9)        S > 1/2 f - τ/δt   ("imex1", Eq. 8)
 
@@ -12,24 +13,18 @@ its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenva
 """
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 
 from morphosim.numerics.chebyshev import largest_eigenvalue
-from morphosim.physics.confinement_repulsion import is_resolved, wall_strength
+from morphosim.physics.confinement_repulsion import is_resolved
 from morphosim.physics.parameters import Physics
-from morphosim.scene.cell import Cell
+from morphosim.physics.term import Concern, Conditions
+from morphosim.scene.cell import Cell, tensions
 from morphosim.scene.scene import Scene
 
 COARSEST = 1.5
 """Largest √(2c) h: the profile's tail falls by exp(-√(2c) h) from one lattice point to the next."""
-PRESSED = 1.0
-"""Measured addition to f where cells are pressed to walls."""
-STRONGEST_ATTRACTION = {"long": 11.0, "short": 15.0}
-"""Largest σ / γ that was stable at δt = 2, and at any δt; at 16, cells of γ = 1/64 fail at any."""
-FARTHEST_JUMP = 0.6
-"""Largest stable motility noise: root mean square move per step in widths 1 / √(c/2)."""
 
 
 class StabilityWarning(UserWarning):
@@ -64,7 +59,7 @@ def check(scene: Scene) -> None:
 
 def concerns(scene: Scene) -> list[str]:
     """What is likely to go wrong, in words."""
-    found = (_euler_step(scene), _stabilisation(scene), _attraction(scene), _noise(scene))
+    found = (_euler_step(scene), _stabilisation(scene), *_concerns_of_terms(scene))
     return [text for text in found if text]
 
 
@@ -93,39 +88,16 @@ def _stabilisation(scene: Scene) -> str:
     )
 
 
-def _attraction(scene: Scene) -> str:
-    if len(scene.cells) == 1 and not scene.stages:
-        return ""
-    stated = [stage.physics["sigma"] for stage in scene.stages if "sigma" in stage.physics]
-    sigmas = [scene.physics.attraction, *(Physics(sigma=sigma).attraction for sigma in stated)]
-    strongest = max(sigma.strongest(scene.possible_types) for sigma in sigmas)
-    softest = min(_tensions(scene))
-    limit = STRONGEST_ATTRACTION["long" if scene.numerics.dt > 1 else "short"]
-    if strongest <= limit * softest:
-        return ""
-    return (
-        f"physics.sigma = {strongest:g} is more than {limit:g} times the surface tension "
-        f"{softest:g}: cells may tear each other apart. Take a weaker sigma or a larger gamma"
-    )
-
-
-def _noise(scene: Scene) -> str:
-    dt = scene.numerics.dt
-    jump, kappa = max(_jump(course) for course in _courses(scene))
-    if jump <= FARTHEST_JUMP:
-        return ""
-    return (
-        f"physics.kappa = {kappa:g} moves cells by {jump:.2g} interface widths in a step "
-        f"of numerics.dt = {dt:g}; more than {FARTHEST_JUMP:g} is likely to diverge. Take a "
-        "smaller dt or kappa"
-    )
-
-
-def _jump(scene: Scene) -> tuple[float, float]:
-    """Interface widths by which noise moves a cell in a step, and the largest κ."""
-    physics = scene.physics
-    kappa = max(map(physics.motility, scene.possible_types))
-    return kappa * scene.numerics.dt**1.5 / physics.tau * physics.interface_scale, kappa
+def _concerns_of_terms(scene: Scene) -> list[str]:
+    """The worst concern of each kind of term, over all stages."""
+    worst: dict[type, Concern] = {}
+    for physics in scene.courses:
+        conditions = _conditions(scene, physics)
+        for term in physics.active_terms:
+            concern, kind = term.concern(conditions), type(term)
+            if concern and (kind not in worst or concern.excess > worst[kind].excess):
+                worst[kind] = concern
+    return [concern.text for concern in worst.values()]
 
 
 def explicit_rates(scene: Scene) -> dict[str, float]:
@@ -133,31 +105,45 @@ def explicit_rates(scene: Scene) -> dict[str, float]:
 
     Those of the stage where they are fastest.
     """
-    return max(map(_rates, _courses(scene)), key=lambda rates: sum(rates.values()))
+    rates = [_rates(scene, physics) for physics in scene.courses]
+    return max(rates, key=lambda rates: sum(rates.values()))
 
 
-def _courses(scene: Scene) -> list[Scene]:
-    """The scene, and the scene with the physics of each stage that changes more than σ."""
-    courses, physics = [scene], scene.physics
-    for stage in scene.stages:
-        physics = replace(physics, **stage.physics)
-        if stage.physics.keys() - {"sigma"}:
-            courses.append(replace(scene, physics=physics))
-    return courses
+def _conditions(scene: Scene, physics: Physics) -> Conditions:
+    """What force terms are asked about."""
+    stepped = [cell for cell in scene.cells if not cell.frozen] or list(scene.cells)
+    return Conditions(
+        tensions=np.array(tensions(stepped, physics)),
+        mean_tension=float(np.mean(tensions(scene.cells, physics))),
+        volumes=np.concatenate([_volumes(cell) for cell in stepped]),
+        types=scene.possible_types,
+        several=len(scene.possible_names) > 1 or bool(scene.stages),
+        tau=physics.tau,
+        interface_scale=physics.interface_scale,
+        numerics=scene.numerics,
+        confinement=scene.confinement,
+    )
 
 
-def _rates(scene: Scene) -> dict[str, float]:
-    physics = scene.physics
-    local = {"double well": 2 * max(_tensions(scene)) * physics.c}
-    if len(scene.possible_names) > 1 and physics.g > 0:
-        local["cells"] = physics.g
-    if scene.confinement is not None and physics.g_e > 0:
-        gamma = float(np.mean(scene.tensions))  # as the engine's walls
-        local["walls"] = PRESSED + wall_strength(
-            scene.confinement, physics.g_e, gamma, scene.numerics
-        )
-    volume = {"volume constraint": _volume_rate(scene)}
-    return max(local, volume, key=lambda rates: sum(rates.values()))
+def _volumes(cell: Cell) -> list[float]:
+    """Target volumes that a cell has at the start and is known to come to, µm³."""
+    return [cell.target_volume(0.0), *getattr(cell.volume, "volumes", ())]
+
+
+def _rates(scene: Scene, physics: Physics) -> dict[str, float]:
+    """Rates at a point, or of cells as a whole, whichever are faster together."""
+    conditions, terms = _conditions(scene, physics), physics.active_terms
+    at_points = [(term.name, term.explicit_rate(conditions)) for term in terms]
+    of_cells = [(term.name, term.whole_cell_rate(conditions)) for term in terms]
+    return max(_summed(at_points), _summed(of_cells), key=lambda rates: sum(rates.values()))
+
+
+def _summed(rates: list[tuple[str, float]]) -> dict[str, float]:
+    """Rates by name of the term, without those that are 0."""
+    return {
+        name: sum(rate for other, rate in rates if other == name)
+        for name in dict.fromkeys(name for name, rate in rates if rate > 0)
+    }
 
 
 def explicit_rate(scene: Scene) -> float:
@@ -171,7 +157,8 @@ def least_S(scene: Scene) -> float:
         return 0.0
     share = 0.75 if scene.numerics.scheme == "bdf2" else 0.5
     needed = [
-        share * sum(_rates(s).values()) - s.physics.tau / s.numerics.dt for s in _courses(scene)
+        share * sum(_rates(scene, physics).values()) - physics.tau / scene.numerics.dt
+        for physics in scene.courses
     ]
     return max(0.0, *needed)
 
@@ -187,24 +174,5 @@ def stabilised(scene: Scene) -> Scene:
 def largest_euler_step(scene: Scene) -> float:
     """Largest δt of explicit Euler that is expected to be stable."""
     k2 = largest_eigenvalue(scene.numerics.order, scene.numerics.spacing)
-    return float(2 * scene.physics.tau / (explicit_rate(scene) + max(_tensions(scene)) * k2))
-
-
-def _stepped(scene: Scene) -> list[Cell]:
-    """Cells that are not frozen; all of them if none is."""
-    return [cell for cell in scene.cells if not cell.frozen] or list(scene.cells)
-
-
-def _tensions(scene: Scene) -> list[float]:
-    """Surface tensions of the same cells."""
-    pairs = zip(scene.tensions, scene.cells, strict=True)
-    return [gamma for gamma, cell in pairs if not cell.frozen] or scene.tensions
-
-
-def _volume_rate(scene: Scene) -> float:
-    """Rate at which the volume constraint acts, on the cell that is worst off, taken as a ball."""
-    physics = scene.physics
-    known = [[c.target_volume(0.0), *getattr(c.volume, "volumes", ())] for c in _stepped(scene)]
-    volumes = np.concatenate(known)
-    rates = physics.volume_strength * (36 * np.pi * volumes**2) ** (1 / 3)
-    return float((rates / volumes if physics.volume_constraint == "relative" else rates).max())
+    fastest = explicit_rate(scene) + float(_conditions(scene, scene.physics).tensions.max()) * k2
+    return float(2 * scene.physics.tau / fastest)

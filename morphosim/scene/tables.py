@@ -11,6 +11,7 @@ from morphosim.numerics.parameters import Numerics
 from morphosim.physics.attraction import Attraction
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell, VolumeCourse
+from morphosim.scene.term_tables import term_table, terms_of
 
 
 def build(cls: type, table: Mapping[str, Any], where: str) -> Any:
@@ -34,7 +35,7 @@ def numerics_of(table: Mapping[str, Any]) -> Numerics:
 
 def numerics_table(numerics: Numerics) -> dict[str, Any]:
     """Numerics as a scene file says them."""
-    return _plain_table(numerics)
+    return dataclass_table(numerics)
 
 
 def physics_of(table: Mapping[str, Any], names: list[Any]) -> Physics:
@@ -44,6 +45,8 @@ def physics_of(table: Mapping[str, Any], names: list[Any]) -> Physics:
     sigma = values.get("sigma")
     if isinstance(sigma, Mapping):
         values["sigma"] = _attraction(sigma, names)
+    if "terms" in values:
+        values["terms"] = terms_of(values["terms"], "physics.terms")
     physics: Physics = build(Physics, values, "physics")
     return physics
 
@@ -73,9 +76,12 @@ def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
 def physics_table(physics: Physics) -> dict[str, Any]:
     """Physics as a scene file says them."""
     sigma = physics.attraction
-    table = _plain_table(physics)
+    table = dataclass_table(physics)
     if not physics.kappa_by_type:
         del table["kappa_by_type"]
+    del table["terms"]
+    if physics.terms:
+        table["terms"] = [plain(term_table(term)) for term in physics.terms]
     table["sigma"] = {"default": sigma.default}
     if sigma.sisters is not None:
         table["sigma"]["sisters"] = sigma.sisters
@@ -93,6 +99,8 @@ def physics_values(table: Mapping[str, Any]) -> dict[str, Any]:
     values = dict(table)
     if "sigma" in values:
         values["sigma"] = physics_of({"sigma": values["sigma"]}, []).attraction
+    if "terms" in values:
+        values["terms"] = terms_of(values["terms"], "physics.terms")
     return values
 
 
@@ -105,7 +113,7 @@ def physics_said(values: Mapping[str, Any]) -> dict[str, Any]:
         M = None without the volume constraint whose default it means.
     """
     physics = Physics(**values)
-    table = {"kappa_by_type": {}} | physics_table(physics)
+    table = {"kappa_by_type": {}, "terms": []} | physics_table(physics)
     if "M" in values and physics.M is None:
         if "volume_constraint" not in values:
             message = "M = None cannot be written without volume_constraint; give its number"
@@ -136,7 +144,7 @@ def cell_values(cell: Cell) -> dict[str, Any]:
         if value := getattr(cell, name):
             table[name] = value
     if isinstance(cell.volume, VolumeCourse):
-        table["volume"] = _plain_table(cell.volume)
+        table["volume"] = dataclass_table(cell.volume)
     elif callable(cell.volume):
         message = f"cell {cell.name!r}: a volume function cannot be written; use VolumeCourse"
         raise ValueError(message)
@@ -156,7 +164,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _plain_table(item: Any) -> dict[str, Any]:
+def dataclass_table(item: Any) -> dict[str, Any]:
     """Values of a dataclass but those that are None."""
     values = {name: getattr(item, name) for name in _validate.names_of(type(item))}
     return {name: plain(value) for name, value in values.items() if value is not None}

@@ -26,9 +26,6 @@ class Staged(Target, Protocol):
     def dt(self) -> float:
         """Time step δt."""
 
-    def restart(self) -> None:
-        """Forget the history: the next step is of first order."""
-
     def checkpoint(self, alone: bool = False) -> Checkpoint:
         """The whole present state; `alone`, without how far the stages are."""
 
@@ -79,7 +76,6 @@ class Progress:
         if stage.physics:
             simulation.change_physics(**stage.physics)
         self._apply_rules(simulation, stage)
-        simulation.restart()
         simulation.stage = stage.name
         self.begun, self.speeds, self.back = simulation.steps, [], None
         self._look(simulation, stage)

@@ -1,6 +1,7 @@
 """Fields of the cells at the start of a scene."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,17 @@ from morphosim.scene.scene import Scene
 
 OUTSIDE_ALLOWED = 0.5
 """A cell may start with at most this share of its volume beyond the confinement."""
+
+
+def cell_columns(cells: Sequence[Cell]) -> dict[str, Any]:
+    """What the cells of a scene start with, by column of the cell table."""
+    return {
+        "name": [cell.name for cell in cells],
+        "parent": [cell.parent for cell in cells],
+        "own_tension": [np.nan if cell.gamma is None else cell.gamma for cell in cells],
+        "frozen": [cell.frozen for cell in cells],
+        "target": [cell.target_volume(0.0) for cell in cells],
+    }
 
 
 def start_fields(

@@ -219,10 +219,7 @@ def _attempt(make: Callable[[], Scene], where: str) -> Scene:
 
 def _has_noise(scene: Scene) -> bool:
     """Whether cells move at random, now or in a stage; own events may always."""
-    return bool(
-        any(scene.physics.motility(kind) > 0 for kind in scene.possible_types)
-        or any(stage.physics.keys() & {"kappa", "kappa_by_type"} for stage in scene.stages)
-    )
+    return any(term.random for physics in scene.courses for term in physics.active_terms)
 
 
 def _begin(store: Store, setup: _Setup, keep: str) -> None:

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 
-from morphosim.kernels.chebyshev import sweep
+from morphosim.kernels.chebyshev import iterate
 from morphosim.kernels.frames import HALO, strides
 from morphosim.kernels.layout import Boxes
 from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
-from morphosim.numerics.chebyshev import largest_eigenvalue, sweep_roots
+from morphosim.numerics.chebyshev import chebyshev_roots, largest_eigenvalue
 
 from .example_boxes import (
     H,
@@ -54,7 +54,7 @@ def do_sweep(
     weight: float,
 ) -> None:
     real = source.dtype.type
-    taken(sweep, way)(
+    taken(iterate, way)(
         CELL, boxes, source, target, rhs, make_stencil(order, real), real(LHS), real(GAMMA),
         real(weight), real(1),
     )  # fmt: skip
@@ -113,7 +113,7 @@ def test_single_precision_stays_single() -> None:
 
 def weights(order: int, count: int) -> NDArray[np.float64]:
     top = GAMMA * largest_eigenvalue(order, H)
-    return 1 / sweep_roots(LHS, GAMMA * 4, top, count)
+    return 1 / chebyshev_roots(LHS, GAMMA * 4, top, count)
 
 
 def solved_by_sweeps(

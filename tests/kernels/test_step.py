@@ -18,7 +18,7 @@ from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import Boxes, Limits, Pairs, Scheme
 from morphosim.kernels.pairs import accumulate_pairs
 from morphosim.kernels.step import N_FRAMES, accept_all, prepare_all, step_band, step_transform
-from morphosim.numerics.chebyshev import largest_eigenvalue, sweep_roots
+from morphosim.numerics.chebyshev import chebyshev_roots, largest_eigenvalue
 
 from .example_boxes import (
     ORIGINS,
@@ -360,7 +360,7 @@ def with_sweeps(setting: Setting, cycles: int) -> None:
     """Weights of `cycles` times six sweeps."""
     top = largest_eigenvalue(setting.fd_order, H)
     gammas = setting.terms.gamma
-    roots = [sweep_roots(9.0, float(g) * 4, float(g) * top, 6) for g in gammas]
+    roots = [chebyshev_roots(9.0, float(g) * 4, float(g) * top, 6) for g in gammas]
     assert {len(r) for r in roots} == {6}
     sweeps = np.tile(1 / np.array(roots), cycles).astype(setting.dtype)
     setting.terms = setting.terms._replace(sweeps=sweeps)

@@ -10,33 +10,39 @@ from numpy.typing import DTypeLike, NDArray
 
 from morphosim.kernels.layout import Cosines
 from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
+from morphosim.numerics.parameters import Numerics
 
 
-def eigenvalues(n: int, spacing: float, laplacian: str, order: int) -> NDArray[np.float64]:
-    """Eigenvalues λ_k >= 0 of -d²/dx² on n points; k = π m / (n h) for "exact"."""
+def eigenvalues(n: int, numerics: Numerics) -> NDArray[np.float64]:
+    """Eigenvalues λ_k >= 0 of -d²/dx² on n points, by `Numerics.laplacian`; k = π m / (n h)."""
     angle = np.pi * np.arange(n) / n
-    if laplacian == "exact":
-        return (angle / spacing) ** 2
-    weights = LAPLACIAN_COEFFICIENTS[order]
+    if numerics.laplacian == "exact":
+        return (angle / numerics.spacing) ** 2
+    weights = LAPLACIAN_COEFFICIENTS[numerics.order]
     symbol = weights[0] + 2 * sum(w * np.cos(m * angle) for m, w in enumerate(weights[1:], 1))
-    return np.asarray(-symbol / spacing**2)
+    return np.asarray(-symbol / numerics.spacing**2)
+
+
+def transform_cost(shape: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(N,) relative work of transforms of boxes of these shapes (N, 3); it grows with the axes."""
+    return np.asarray(shape.prod(axis=1) * (200.0 + shape.sum(axis=1)))
 
 
 class CosineTables:
     """Cosine matrices and eigenvalues by box size, made when a size first occurs."""
 
-    def __init__(self, spacing: float, laplacian: str, order: int, dtype: DTypeLike) -> None:
-        self._make_symbol = lambda n: eigenvalues(n, spacing, laplacian, order).astype(dtype)
-        self._dtype = np.dtype(dtype)
+    def __init__(self, numerics: Numerics, dtype: DTypeLike) -> None:
+        self._numerics, self._dtype = numerics, np.dtype(dtype)
         self._symbols: dict[int, NDArray[np.floating]] = {}
         self.arrays = self._pack()
 
     def require(self, sizes: NDArray[np.integer]) -> Cosines:
         """Tables that hold all these sizes."""
+        numerics = self._numerics
         missing = {int(n) for n in np.unique(sizes)} - self._symbols.keys()
         if missing:
             for n in missing:
-                self._symbols[n] = self._make_symbol(n)
+                self._symbols[n] = eigenvalues(n, numerics).astype(self._dtype)
             self.arrays = self._pack()
         return self.arrays
 

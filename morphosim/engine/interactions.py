@@ -1,32 +1,31 @@
-"""From a scene's attraction to what kernels need: σ by type, and the pairs that differ."""
+"""What kernels need to know of repulsion and attraction: g, σ by type, and pairs that differ."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from morphosim.cell_table import CellTable
 from morphosim.kernels.layout import Interaction, Pairs
-from morphosim.physics.attraction import Attraction
+from morphosim.physics.term import Pull
 
 
 class Interactions:
-    """Types, σ by type and exceptional pairs of a list of cells.
+    """Types, σ by type and exceptional pairs of the cells of a table.
 
     Where σ by type is one value, all cells count as one type: one accumulated field serves all.
     Sisters and stated pairs are exceptional if their σ is not that of their types.
 
     Parameters
     ----------
-    attraction : Attraction
+    attraction : Pull or None
     g : float
         Repulsion between cells (Eq. 3).
-    names, types : of the N cells
+    cells : CellTable
+    everyone : CellTable
+        All cells of the simulation, whose types count; on one rank the same.
     dtype : of the fields
-    parents : of the N cells, optional
-        Names of their mothers, "" where not known; by default none has sisters.
-    society : types of all cells, optional
-        By default those of the N cells.
 
     Attributes
     ----------
@@ -37,29 +36,35 @@ class Interactions:
     """
 
     def __init__(
-        self,
-        attraction: Attraction,
-        g: float,
-        names: Sequence[str],
-        types: Sequence[str],
+        self, attraction: Pull | None, g: float, cells: CellTable, everyone: CellTable,
         dtype: DTypeLike,
-        parents: Sequence[str] | None = None,
-        society: Sequence[str] | None = None,
-    ) -> None:
-        kind: np.dtype[Any] = np.dtype(dtype)
-        known = sorted(set(types if society is None else society))
-        pull = attraction.type_matrix(known)
-        index = np.searchsorted(known, types).astype(np.int64)
+    ) -> None:  # fmt: skip
+        real: np.dtype[Any] = np.dtype(dtype)
+        kinds = everyone.present_kinds
+        place = np.zeros(len(everyone.kinds), np.int64)
+        place[kinds] = np.arange(len(kinds))
+        index = place[cells["kind"]]
+        names = [everyone.kinds[kind] for kind in kinds]
+        pull = np.zeros((1, 1)) if attraction is None else attraction.type_matrix(names)
         if (pull == pull[0, 0]).all():
-            pull, index = pull[:1, :1], np.zeros(len(types), np.int64)
-        self.interaction = Interaction(g=kind.type(g), types=index, pull=pull.astype(kind))
+            pull, index = pull[:1, :1], np.zeros(len(cells), np.int64)
+        self.interaction = Interaction(g=real.type(g), types=index, pull=pull.astype(real))
         self.n_fields = len(pull) if pull.any() else 0
-        self.pairs = _pairs(attraction.exceptions(names, parents), pull, index, kind)
+        self.pairs = _pairs(_exceptions(attraction, cells), pull, index, real)
 
     @property
     def attracts(self) -> bool:
         """Whether any cell pulls on another."""
         return self.n_fields > 0 or self.pairs is not None
+
+
+def _exceptions(attraction: Pull | None, cells: CellTable) -> dict[tuple[int, int], float]:
+    """σ of pairs that is not told by types, by rows; looks at the cells that are stated alone."""
+    if attraction is None:
+        return {}
+    rows = {name: cells.row(name) for name in attraction.stated if cells.has(name)}
+    parents = cells["parent"].tolist() if attraction.needs_parents else None
+    return attraction.exceptions(rows, parents)
 
 
 def _pairs(

@@ -1,0 +1,129 @@
+"""What cells feel of each other and of walls: sums on sparse columns, and potentials of pairs."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.cell_table import CellTable
+from morphosim.engine.box_pool import BoxPool
+from morphosim.engine.column_sums import Background, ColumnCover
+from morphosim.engine.interactions import Interactions
+from morphosim.engine.scheduling import Schedule
+from morphosim.kernels.columns import accumulate
+from morphosim.kernels.frames import frame_sizes
+from morphosim.kernels.layout import Columns, Interaction
+from morphosim.kernels.pairs import accumulate_pairs
+from morphosim.physics.term import Environment, Floats, SpaceFunction
+
+
+class Coupling:
+    """Sums over cells, and what is evaluated in space.
+
+    Parameters
+    ----------
+    dtype : of the fields
+    threads : int
+
+    Attributes
+    ----------
+    acts : bool
+        Whether any cell feels another or a wall.
+    """
+
+    def __init__(self, dtype: np.dtype, threads: int) -> None:
+        self._dtype = dtype
+        self._cover = ColumnCover(dtype, threads)
+        self._background: Background | None = None
+        self._walls: list[Any] = []
+        self._pair_potential: NDArray[np.floating] | None = None
+        self.acts = False
+
+    def set_up(self, environment: Environment, cells: CellTable, everyone: CellTable) -> None:
+        """Take over who acts on whom; `lay_out` must follow.
+
+        Parameters
+        ----------
+        environment : Environment
+        cells : CellTable
+            Of this engine.
+        everyone : CellTable
+            All cells of the simulation.
+        """
+        self._interactions = Interactions(
+            environment.attraction, environment.g, cells, everyone, self._dtype
+        )
+        felt = environment.g > 0 or self._interactions.attracts
+        self.acts = bool(environment.walls) or (len(everyone) > 1 and felt)
+        keys = [key for key, _ in environment.walls]
+        if keys != self._walls:
+            self._walls = keys
+            functions = [function for _, function in environment.walls]
+            spacing = environment.numerics.spacing
+            self._background = (
+                Background(_sum(functions), spacing, self._dtype) if functions else None
+            )
+        self._cover.configure(self._interactions.n_fields, self._background)
+
+    def lay_out(self, pool: BoxPool) -> None:
+        """Make room for the sums where the boxes are."""
+        pairs = self._interactions.pairs
+        if pairs is not None:
+            frames = frame_sizes(pool.shape)
+            sizes = np.where(np.diff(pairs.start) > 0, frames, 0)
+            pairs.frame_start[:] = np.where(sizes > 0, np.cumsum(sizes) - sizes, -1)
+            length = int(sizes.sum())
+            if self._pair_potential is None or len(self._pair_potential) != length:
+                self._pair_potential = np.zeros(length, self._dtype)
+        if self.acts:
+            self._cover.update(pool.origin, pool.shape)
+
+    def accumulate(self, pool: BoxPool, schedule: Schedule) -> None:
+        """Sum over the cells of the present state."""
+        if not self.acts:
+            return
+        accumulate(self._cover.lists, pool.phi, pool.boxes, self.interaction, self._cover.columns)
+        if self._interactions.pairs is not None:
+            accumulate_pairs(
+                schedule.bounds, schedule.order, self._interactions.pairs, pool.phi, pool.boxes,
+                self._pair_potential,
+            )  # fmt: skip
+
+    @property
+    def interaction(self) -> Interaction:
+        """Strengths by type."""
+        return self._interactions.interaction
+
+    @property
+    def columns(self) -> Columns | None:
+        """The sums; None where nothing acts."""
+        return self._cover.columns if self.acts else None
+
+    @property
+    def pairs(self) -> tuple[Any, Any]:
+        """Where the frames of pulled cells start, and the pool of their potentials, or None."""
+        pairs = self._interactions.pairs
+        return (None, None) if pairs is None else (pairs.frame_start, self._pair_potential)
+
+    @property
+    def uses(self) -> tuple[bool | None, bool | None]:
+        """Whether there is repulsion, and attraction; None compiles the branch away."""
+        attracts = self.acts and self._interactions.attracts
+        return True if self.acts else None, True if attracts else None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the sums."""
+        potential = 0 if self._pair_potential is None else self._pair_potential.nbytes
+        return potential + (self._cover.nbytes if self.acts else 0)
+
+
+def _sum(functions: list[SpaceFunction]) -> SpaceFunction:
+    """Sum of functions of space."""
+    if len(functions) == 1:
+        return functions[0]
+
+    def total(x: Floats, y: Floats, z: Floats) -> Floats:
+        return np.asarray(sum(function(x, y, z) for function in functions))
+
+    return total

@@ -1,0 +1,79 @@
+"""The implicit step by Chebyshev iterations on the narrow band, or the explicit one of Euler."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.engine.solvers.solver import Solver, State
+from morphosim.kernels.step import step_band
+from morphosim.numerics.chebyshev import (
+    MORE_WITHOUT_HISTORY,
+    chebyshev_roots,
+    largest_eigenvalue,
+)
+from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.schemes import coefficients
+from morphosim.physics.parameters import Physics
+
+Floats = NDArray[np.float64]
+
+
+def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
+    """See `solver.make_solver`."""
+    return BandSolver(numerics, dtype)
+
+
+class BandSolver:
+    """See `Solver`; cells without history take more iterations than others."""
+
+    on_band = True
+    nbytes = 0
+
+    def __init__(self, numerics: Numerics, dtype: np.dtype) -> None:
+        self._numerics, self._dtype = numerics, dtype
+
+    def set_up(self, physics: Physics, tensions: Floats, present: Floats) -> None:
+        """See `Solver`."""
+        index = np.searchsorted(present, tensions)
+        later, first = (self._weights(physics, present, fresh)[index] for fresh in (False, True))
+        self._counts = np.array([later.shape[1], first.shape[1]])
+        self._weights_of = np.zeros((2, len(tensions), self._counts.max()), self._dtype)
+        self._weights_of[0, :, : later.shape[1]] = later
+        self._weights_of[1, :, : first.shape[1]] = first
+
+    def lay_out(self, shape: NDArray[np.int64]) -> None:
+        """See `Solver`."""
+
+    def cost(self, shape: NDArray[np.int64]) -> Floats:
+        """See `Solver`."""
+        return np.asarray(shape.prod(axis=1), float)
+
+    def advance(self, state: State) -> None:
+        """See `Solver`."""
+        fresh = state.terms.fresh.astype(np.int64)
+        weights = self._weights_of[0]
+        if fresh.any():
+            weights = self._weights_of[fresh, np.arange(len(fresh))]
+        terms = state.terms._replace(n_iterations=self._counts[fresh], weights=weights)
+        step_band(
+            *state._replace(terms=terms).acting(), state.workspace.found,
+            state.workspace.measured, state.stencil, state.later, state.first, state.limits,
+            state.pool.surveys, state.pool.lost, *state.coupling.uses,
+        )  # fmt: skip
+
+    def _weights(self, physics: Physics, present: Floats, fresh: bool) -> Floats:
+        """(tensions, iterations) weights of the iterations for these surface tensions."""
+        numerics = self._numerics
+        if numerics.scheme == "euler":
+            return np.full((len(present), 1), numerics.dt / physics.tau)
+        lhs = coefficients(numerics, physics.tau, fresh)["lhs"]
+        extrapolates = numerics.scheme == "bdf2" and not fresh
+        top = largest_eigenvalue(numerics.order, numerics.spacing)
+        least = numerics.sweeps + (0 if extrapolates else MORE_WITHOUT_HISTORY)
+        while True:
+            roots = [
+                chebyshev_roots(lhs, gamma * physics.c, gamma * top, least)
+                for gamma in present.tolist()
+            ]
+            if max(map(len, roots)) == least:
+                return 1 / np.array(roots)
+            least = max(map(len, roots))

@@ -1,0 +1,50 @@
+"""The implicit step by cosine transforms of each box, as products with dense matrices (BLAS)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.engine.solvers.cosine_transforms import CosineTables, transform_cost
+from morphosim.engine.solvers.solver import Solver, State
+from morphosim.kernels.step import step_transform
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.parameters import Physics
+
+
+def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
+    """Solver with the transforms that the numerics name; see `solver.make_solver`."""
+    if numerics.transform == "matrix":
+        return CosineSolver(numerics, dtype)
+    from morphosim.engine.solvers.cosine_library import LibrarySolver
+
+    return LibrarySolver(numerics, dtype, threads)
+
+
+class CosineSolver:
+    """See `Solver`."""
+
+    on_band = False
+    nbytes = 0
+
+    def __init__(self, numerics: Numerics, dtype: np.dtype) -> None:
+        self._tables = CosineTables(numerics, dtype)
+
+    def set_up(
+        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64]
+    ) -> None:
+        """See `Solver`."""
+
+    def lay_out(self, shape: NDArray[np.int64]) -> None:
+        """See `Solver`."""
+        self._tables.require(shape)
+
+    def cost(self, shape: NDArray[np.int64]) -> NDArray[np.float64]:
+        """See `Solver`."""
+        return transform_cost(shape)
+
+    def advance(self, state: State) -> None:
+        """See `Solver`."""
+        step_transform(
+            *state.acting(), state.workspace.found, state.workspace.measured, state.stencil,
+            state.later, state.first, self._tables.arrays, state.limits, state.pool.surveys,
+            *state.coupling.uses,
+        )  # fmt: skip

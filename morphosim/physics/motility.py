@@ -1,0 +1,88 @@
+"""Motility: random motion of cells (Eq. 11, S3)."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from morphosim import _validate
+from morphosim.cell_table import CellTable, Column
+from morphosim.kernels.noise import normal_vectors
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.term import Concern, Conditions, Forces, Step, Term
+
+FARTHEST_JUMP = 0.6
+"""Largest stable noise: root mean square move per step in widths 1 / √(c/2)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motility(Term):
+    """- κ √δt u·∇φ, u standard normal per cell and step (Eq. 11, S3).
+
+    As published, a free cell's mean-square displacement along an axis is (κ δt/τ)² t: it depends on
+    δt.
+
+    Attributes
+    ----------
+    kappa : float
+        Strength κ.
+    kappa_by_type : mapping from cell type to float
+        κ of cells of these types, instead of `kappa`.
+    """
+
+    kappa: float
+    kappa_by_type: Mapping[str, float]
+
+    columns = (Column("kappa", saved=False), Column("normals", shape=(3,), saved=False))
+    random = True
+
+    def __post_init__(self) -> None:
+        _validate.number("physics.kappa", self.kappa, least=0)
+        _validate.instance("physics.kappa_by_type", self.kappa_by_type, Mapping)
+        for kind, kappa in self.kappa_by_type.items():
+            _validate.number(f"physics.kappa_by_type[{kind!r}]", kappa, least=0)
+
+    @property
+    def present(self) -> bool:
+        """Whether any cell moves."""
+        return self.kappa > 0 or any(self.kappa_by_type.values())
+
+    def of(self, kind: str) -> float:
+        """κ of cells of a type."""
+        return self.kappa_by_type.get(kind, self.kappa)
+
+    def check(self, names: Collection[str], types: Collection[str]) -> None:
+        """Raise ValueError if `kappa_by_type` names a type that is not one of these."""
+        for kind in self.kappa_by_type:
+            _validate.choice("type in physics.kappa_by_type", kind, types)
+
+    def among(self, names: Collection[str], types: Collection[str]) -> Self:
+        """Copy that says nothing of other types than these."""
+        kept = {kind: kappa for kind, kappa in self.kappa_by_type.items() if kind in types}
+        return replace(self, kappa_by_type=kept)
+
+    def prepare(self, cells: CellTable, numerics: Numerics) -> None:
+        """Set κ of each cell."""
+        by_kind = np.array([self.of(kind) for kind in cells.kinds])
+        cells["kappa"][:] = by_kind[cells["kind"]]
+
+    def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
+        """Draw u, and add the drift."""
+        normals = cells["normals"]
+        normal_vectors(np.uint64(step.seed), np.uint64(step.number), cells["id"], normals)
+        normals *= (-np.sqrt(step.dt) * cells["kappa"])[:, None]
+        np.add(forces.drift, normals, out=forces.drift)
+
+    def concern(self, conditions: Conditions) -> Concern | None:
+        """Noise that moves cells too far in a step."""
+        dt, kappa = conditions.numerics.dt, max(map(self.of, conditions.types))
+        jump = kappa * dt**1.5 / conditions.tau * conditions.interface_scale
+        if jump <= FARTHEST_JUMP:
+            return None
+        return Concern(
+            jump / FARTHEST_JUMP,
+            f"physics.kappa = {kappa:g} moves cells by {jump:.2g} interface widths in a step "
+            f"of numerics.dt = {dt:g}; more than {FARTHEST_JUMP:g} is likely to diverge. Take a "
+            "smaller dt or kappa",
+        )

@@ -1,0 +1,235 @@
+"""What a force term is: parameters, checks, state per cell, what it adds to a step, its rate.
+
+The force on a cell is one sum (Eq. S2, S3 of the paper),
+
+    F = Σ terms = - γ c W'(φ) - φ R - ∇φ·∇ψ + p |∇φ| + d·∇φ + f(φ, ∇φ, Δφ)
+
+and a term adds to one or more of its parts: to the pressure p and the drift d of each cell
+(`Term.update`), to the repulsion R and the potential ψ that cells feel of each other and of space
+(`Term.surround`), or at each point by a small compiled function f (`Term.point`).
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.cell_table import CellTable, Column
+from morphosim.geometry.confinement import Confinement
+from morphosim.kernels.points import PointForce
+from morphosim.numerics.parameters import Numerics
+
+Floats = NDArray[np.float64]
+SpaceFunction = Callable[[Floats, Floats, Floats], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """The step under way.
+
+    Attributes
+    ----------
+    number : int
+        Steps taken before it.
+    dt : float
+        δt, *in silico* time.
+    seed : int
+        `Numerics.seed`. Draw random numbers from it, `number` and a cell's id alone, as
+        `kernels.noise` does: then they depend neither on threads nor on other cells.
+    volumes : (N,) float64
+        ∫ φ of each cell, µm³.
+    """
+
+    number: int
+    dt: float
+    seed: int
+    volumes: Floats
+
+    @property
+    def time(self) -> float:
+        """*In silico* time at the beginning of the step."""
+        return self.number * self.dt
+
+
+@dataclass(frozen=True, slots=True)
+class Forces:
+    """What the terms add to in a step; all is 0 at its beginning.
+
+    Attributes
+    ----------
+    pressure : (N,) float64
+        p of p |∇φ|, per cell.
+    drift : (N, 3) float64
+        d of d·∇φ, per cell. A cell drifts with the velocity -d/τ.
+    """
+
+    pressure: Floats
+    drift: Floats
+
+
+class Pull(Protocol):
+    """Attraction σ between cells; see `Attraction`."""
+
+    def type_matrix(self, types: Sequence[str]) -> Floats:
+        """(K, K) σ by type, [j, i]."""
+
+    def exceptions(
+        self, rows: "dict[str, int]", parents: Sequence[str] | None = None
+    ) -> dict[tuple[int, int], float]:
+        """σ of pairs of rows (j, i) that their types do not tell."""
+
+    @property
+    def stated(self) -> set[str]:
+        """Names of cells in stated pairs."""
+
+    @property
+    def needs_parents(self) -> bool:
+        """Whether `exceptions` looks at the cells' mothers."""
+
+
+@dataclass(slots=True)
+class Environment:
+    """What cells feel of each other and of space: R = Σ_j g φ_j² + walls, and ψ.
+
+    Attributes
+    ----------
+    numerics, confinement
+        See `Scene`.
+    tension : float
+        Mean surface tension of all cells.
+    g : float
+        Strength of Σ_j g φ_j² in R.
+    attraction : Pull or None
+        ψ_i = Σ_j σ_ji φ_j.
+    walls : list of (key, function)
+        Functions R(x, y, z) ≥ 0 of points in µm. They are evaluated again only if their key, any
+        value that can be compared, changes.
+    """
+
+    numerics: Numerics
+    confinement: Confinement | None
+    tension: float
+    g: float = 0.0
+    attraction: Pull | None = None
+    walls: list[tuple[Any, SpaceFunction]] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What the stability check knows of a scene, now and in later stages.
+
+    Attributes
+    ----------
+    tensions : (n,) surface tensions of the cells that are stepped
+    mean_tension : float
+        Of all cells.
+    volumes : (m,) target volumes of these cells, and those that they come to, µm³
+    types : cell types that there are or may be
+    several : bool
+        Whether there is more than one cell, now or later.
+    tau, interface_scale : float
+        See `Physics`.
+    numerics, confinement
+        See `Scene`.
+    """
+
+    tensions: Floats
+    mean_tension: float
+    volumes: Floats
+    types: Sequence[str]
+    several: bool
+    tau: float
+    interface_scale: float
+    numerics: Numerics
+    confinement: Confinement | None
+
+
+@dataclass(frozen=True, slots=True)
+class Concern:
+    """Something that is likely to go wrong.
+
+    Attributes
+    ----------
+    excess : float
+        How many times too strong it is; the worst is told.
+    text : str
+        What it is, its value, the limit, and what to try, in one sentence.
+    """
+
+    excess: float
+    text: str
+
+
+class Term:
+    """A force term. Subclass it as a frozen dataclass whose fields are its parameters.
+
+    Only what the term needs has to be overridden. Parameters must be values that a scene file can
+    say: numbers, texts, flags, lists, tables. They are checked in `__post_init__`.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+        Its own state per cell: saved, resumed, divided and sent to other ranks with no further
+        code.
+    drifts : bool
+        Whether `update` may add to `Forces.drift`; a scene without such a term does not pay for it.
+    random : bool
+        Whether it draws random numbers, so that another seed gives another course.
+    point : PointForce or None
+        Force at each point, a function of φ, ∇φ and Δφ there; see `kernels.points.point_force`.
+    label : str
+        What warnings call it; by default the name of its class.
+    """
+
+    columns: ClassVar[tuple[Column, ...]] = ()
+    drifts: ClassVar[bool] = True
+    random: ClassVar[bool] = False
+    point: ClassVar[PointForce | None] = None
+    label: ClassVar[str] = ""
+
+    @property
+    def present(self) -> bool:
+        """Whether it acts at all; a term that does not allocates nothing and costs nothing."""
+        return True
+
+    def check(self, names: Collection[str], types: Collection[str]) -> None:
+        """Raise ValueError if a parameter names a cell or a type that is not one of these."""
+
+    def among(self, names: Collection[str], types: Collection[str]) -> Self:
+        """Copy that says nothing of other cells and types than these."""
+        return self
+
+    def start(self, cells: CellTable, numerics: Numerics) -> None:
+        """Set its columns at the start of a simulation; not called when a saved one goes on."""
+
+    def prepare(self, cells: CellTable, numerics: Numerics) -> None:
+        """Set columns that follow from parameters and types; called whenever these change."""
+
+    def surround(self, environment: Environment) -> None:
+        """Add to what cells feel of each other and of space; called as `prepare` is."""
+
+    def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
+        """Add to pressure and drift, and advance its own columns by a step."""
+
+    def point_values(self, cells: CellTable) -> Floats:
+        """(N, K) values of each cell that `point` gets; called as `prepare` is."""
+        return np.zeros((len(cells), 1))
+
+    def explicit_rate(self, conditions: Conditions) -> float:
+        """Fastest rate at which it relaxes φ at a point, as a factor of φ; see `stability`."""
+        return 0.0
+
+    def whole_cell_rate(self, conditions: Conditions) -> float:
+        """Likewise, where it acts on a cell as a whole and not at each point alone."""
+        return 0.0
+
+    def concern(self, conditions: Conditions) -> Concern | None:
+        """What beside these rates is likely to go wrong."""
+        return None
+
+    @property
+    def name(self) -> str:
+        """What warnings call it: `label`, or the name of its class."""
+        return self.label or type(self).__name__

@@ -1,0 +1,219 @@
+"""What may change a simulation between two steps: divisions, removals, other parameters."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from morphosim import _validate
+from morphosim.engine.engine import Engine
+from morphosim.physics.parameters import Physics
+from morphosim.scene.cell import check_values, volume_at
+from morphosim.scene.events import CHANGEABLE
+from morphosim.simulation.division import divided
+from morphosim.simulation.volumes import VolumeFunctions
+
+Rows = NDArray[np.int64]
+
+
+class Changes:
+    """The changes that events make; a part of `Simulation`.
+
+    A change costs what the cells that it touches cost: the others keep their history.
+
+    Attributes
+    ----------
+    engine : Engine
+    removed : list of (time, name)
+        Cells that were taken out.
+    events : list of (time, text)
+        What has changed the simulation.
+    """
+
+    engine: Engine
+    removed: list[tuple[float, str]]
+    events: list[tuple[float, str]]
+    _volumes: VolumeFunctions
+    _used: set[str]
+    """Names that cells have or have had."""
+
+    @property
+    def time(self) -> float:
+        """*In silico* time: steps times δt."""
+        return self.engine.steps * self.engine.numerics.dt
+
+    @property
+    def physics(self) -> Physics:
+        """The physics that hold now: those of the scene, as events have changed them."""
+        return self.engine.physics
+
+    def divide(
+        self,
+        cell: str,
+        daughters: tuple[str, str],
+        *,
+        axis: ArrayLike,
+        fraction: float = 0.5,
+        types: tuple[str, str] | None = None,
+        volumes: tuple[float, float] | None = None,
+    ) -> None:
+        """Divide a cell in its box; the daughters' next step is of first order.
+
+        Parameters
+        ----------
+        cell : str
+        daughters : names of the daughters
+        axis : (3,) from the second daughter to the first
+        fraction : float
+            Share of ∫ φ that the first daughter gets.
+        types : optional
+            By default the mother's.
+        volumes : optional
+            Target volumes in µm³; by default shares of what the mother's is now.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell, or a cell has or had a daughter's name.
+        """
+        row = self._row(cell)
+        for name in daughters:
+            if name in self._used:
+                message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
+                raise ValueError(message)
+        engine, target = self.engine, self._target(cell)
+        kind = engine.everyone.kinds[engine.everyone["kind"][row]]
+        kinds = (kind, kind) if types is None else types
+        shares = (fraction * target, (1 - fraction) * target) if volumes is None else volumes
+        for name, share, type_ in zip(daughters, shares, kinds, strict=True):
+            check_values(name, {"type": type_})
+            volume_at(name, share, self.time)
+        halves = divided(
+            engine.field(row), engine.numerics.spacing, axis, fraction, daughters,
+            self.physics.interface_scale,
+        )  # fmt: skip
+        values = {"name": daughters, "parent": [cell, cell], "target": shares}
+        engine.divide(row, values, kinds, halves)
+        self._volumes.forget([cell])
+        self._used.update(daughters)
+        self._tell(f"division of {cell} into {daughters[0]} and {daughters[1]}")
+
+    def remove(self, cells: Iterable[str]) -> None:
+        """Take cells out; the others keep their history. They are listed in `removed`.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell, or none would be left.
+        """
+        rows = sorted({self._row(name) for name in cells}, reverse=True)
+        if len(rows) == len(self.engine):
+            message = f"all {len(rows)} cells would be removed; at least one must stay"
+            raise ValueError(message)
+        self._take_out(rows)
+
+    def change_cells(self, cells: Iterable[str], **values: Any) -> None:
+        """Give cells other values of `Cell`: type, gamma, volume or frozen.
+
+        Cells that are frozen or thawed take their next step without history.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell or value.
+        """
+        _validate.keys("change of cells", values, CHANGEABLE)
+        names = list(dict.fromkeys(cells))
+        rows = np.array([self._row(name) for name in names], np.int64)
+        for name in names:
+            check_values(name, values)
+        changed = np.zeros(len(rows), bool)
+        for key, value in values.items():
+            changed |= getattr(self, f"_set_{key}")(rows, value)
+        if changed.any():
+            touched = ", ".join(name for name, is_so in zip(names, changed, strict=True) if is_so)
+            self._tell(f"change of {', '.join(values)} of {touched}")
+
+    def change_physics(self, **values: Any) -> None:
+        """Give the physics other values, from the next step on, which is of first order.
+
+        Raises
+        ------
+        ValueError
+            A value is not allowed.
+        """
+        _validate.keys("change of physics", values, _validate.names_of(Physics))
+        physics = replace(self.physics, **values)
+        if physics != self.physics:
+            self._tell(f"change of {', '.join(values)}")
+            self.engine.set_physics(physics)
+
+    def _set_type(self, rows: Rows, kind: str) -> NDArray[np.bool_]:
+        """Give cells a type; return which of them had another."""
+        table = self.engine.everyone
+        changed = table["kind"][rows] != table.number_of(kind)
+        table.set_types(rows[changed], [kind] * int(changed.sum()))
+        self.engine.change()
+        return np.asarray(changed)
+
+    def _set_gamma(self, rows: Rows, gamma: float | None) -> NDArray[np.bool_]:
+        own = np.nan if gamma is None else gamma
+        return self._set_column("own_tension", rows, own)
+
+    def _set_frozen(self, rows: Rows, frozen: bool) -> NDArray[np.bool_]:
+        changed = self._set_column("frozen", rows, frozen)
+        self.engine.restart(rows[changed])
+        return changed
+
+    def _set_volume(self, rows: Rows, volume: Any) -> NDArray[np.bool_]:
+        """Give cells a target volume; two functions are never the same."""
+        table = self.engine.everyone
+        changed = np.zeros(len(rows), bool)
+        for k, row in enumerate(rows.tolist()):
+            name, before = table["name"][row], float(table["target"][row])
+            target = volume_at(name, volume, self.time)
+            had = self._volumes.get(name)
+            changed[k] = volume is not had if callable(volume) else had or target != before
+            self._volumes.set(name, volume)
+            table["target"][row] = target
+        return changed
+
+    def _set_column(self, name: str, rows: Rows, value: Any) -> NDArray[np.bool_]:
+        """Set a column for cells; return which of them had another value."""
+        column = self.engine.everyone[name]
+        changed = ~np.isclose(column[rows], value, rtol=0, atol=0, equal_nan=True)
+        column[rows] = value
+        self.engine.change()
+        return np.asarray(changed)
+
+    def _target(self, name: str) -> float:
+        """Target volume of a cell now, µm³."""
+        function, table = self._volumes.get(name), self.engine.everyone
+        now = table["target"][table.row(name)] if function is None else function
+        return volume_at(name, now, self.time)
+
+    def _row(self, cell: str) -> int:
+        """Row of a cell in the table."""
+        table = self.engine.everyone
+        if not table.has(cell):
+            _validate.choice("cell", cell, table.names)
+        return table.row(cell)
+
+    def _tell(self, text: str) -> None:
+        self.events.append((self.time, text))
+
+    def _take_out(self, rows: Sequence[int]) -> None:
+        """Take out the cells of these rows, the last first."""
+        names = [self.engine.everyone["name"][row] for row in rows]
+        for name in names:
+            self._tell(f"removal of {name}")
+            self.removed.append((self.time, name))
+        self.engine.remove(rows)
+        self._volumes.forget(names)
+
+
+def used_names(table: Mapping[str, Any], removed: Iterable[tuple[float, str]]) -> set[str]:
+    """Names that cells have or have had: living ones, their mothers, and those taken out."""
+    return {*table["name"], *table["parent"], *(name for _, name in removed)} - {""}
