@@ -100,7 +100,7 @@ def _both(first: Any, place: int, second: Any) -> Any:
     """Sum of two functions; the values of the second begin at `place`."""
 
     @numba.njit(error_model="numpy", fastmath=set(FAST_MATH), forceinline=True)
-    def both(values, phi, gx, gy, gz, laplacian):  # type: ignore[no-untyped-def]
+    def both(values, phi, gx, gy, gz, laplacian):
         return first(values, phi, gx, gy, gz, laplacian) + second(
             values[place:], phi, gx, gy, gz, laplacian
         )

@@ -22,6 +22,7 @@ _EXPORTS = {
     "MaskWalls": "geometry.confinement",
     "contact_areas": "measure.contacts",
     "touching": "measure.contacts",
+    "Column": "cell_table",
     "CellVanishedError": "errors",
     "DivergenceError": "errors",
     "SaveError": "errors",
@@ -34,6 +35,8 @@ _EXPORTS = {
     "Numerics": "numerics.parameters",
     "packed_cells": "scene.random_packing",
     "Physics": "physics.parameters",
+    "Term": "physics.term",
+    "point_force": "kernels.points",
     "ProgressBar": "simulation.progress_bar",
     "relaxed": "simulation.relaxation",
     "pack": "runs.pack",
@@ -60,6 +63,7 @@ _EXPORTS = {
 
 if TYPE_CHECKING:
     from morphosim.accessor import open_run
+    from morphosim.cell_table import Column
     from morphosim.errors import CellVanishedError, DivergenceError, SaveError
     from morphosim.exports import export
     from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
@@ -68,12 +72,14 @@ if TYPE_CHECKING:
     from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
     from morphosim.importers.labels.scene import import_labels
     from morphosim.importers.matlab.scene import import_matlab
+    from morphosim.kernels.points import point_force
     from morphosim.library.built_in import built_in_scene, scene_names
     from morphosim.measure.contacts import contact_areas, touching
     from morphosim.measure.measurement import Measurement, measure_fields
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
     from morphosim.physics.parameters import Physics
+    from morphosim.physics.term import Term
     from morphosim.runs.pack import pack
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
@@ -89,12 +95,12 @@ if TYPE_CHECKING:
 
 __version__ = version("morphosim")
 __all__ = [
-    "Attraction", "BoxWalls", "Cell", "CellVanishedError", "DivergenceError", "Ellipsoid",
+    "Attraction", "BoxWalls", "Cell", "CellVanishedError", "Column", "DivergenceError", "Ellipsoid",
     "EllipsoidShell", "Field", "FunctionWalls", "LabelImage", "Mask", "MaskWalls", "Measurement",
     "Numerics", "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "SegmentationWarning",
-    "Simulation", "Sphere", "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene",
+    "Simulation", "Sphere", "StabilityWarning", "Term", "VolumeCourse", "__version__", "built_in_scene",
     "contact_areas", "export", "import_labels", "import_matlab", "load_fields", "load_scene",
-    "measure_fields", "open_run", "pack", "packed_cells", "read_labels", "relaxed", "save_scene",
+    "measure_fields", "open_run", "pack", "packed_cells", "point_force", "read_labels", "relaxed", "save_scene",
     "scene_names", "sweep", "touching",
 ]  # fmt: skip
 

@@ -112,7 +112,7 @@ class CellTable:
     @property
     def names(self) -> list[str]:
         """Names of the cells."""
-        return self._values["name"].tolist()
+        return list(self._values["name"].tolist())
 
     @property
     def types(self) -> list[str]:
@@ -149,7 +149,7 @@ class CellTable:
             self.kinds.append(kind)
         return self.kinds.index(kind)
 
-    def set_types(self, rows: ArrayLike, types: Sequence[str]) -> None:
+    def set_types(self, rows: Rows, types: Sequence[str]) -> None:
         """Give cells other types."""
         self._values["kind"][rows] = [self.number_of(kind) for kind in types]
 
@@ -213,7 +213,7 @@ class CellTable:
         self.remove(mothers)
         return self.add(born, types)
 
-    def select(self, rows: ArrayLike, columns: Iterable[str] | None = None) -> dict[str, NDArray]:
+    def select(self, rows: Rows, columns: Iterable[str] | None = None) -> dict[str, NDArray]:
         """Copies of some rows of columns, by default of all of them."""
         names = self.columns if columns is None else columns
         return {name: self._values[name][rows] for name in names}

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import morphosim.engine.engine
+import morphosim.engine.coupling
+import morphosim.physics.motility
 from morphosim.engine.column_sums import ColumnCover
 from morphosim.engine.engine import Engine
 from morphosim.geometry.confinement import EllipsoidShell
@@ -286,8 +287,9 @@ def fail(*_: object) -> None:
 
 
 def test_a_cell_in_open_space_needs_no_sums(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("accumulate", "accumulate_pairs", "normal_vectors"):
-        monkeypatch.setattr(morphosim.engine.engine, name, fail)
+    for name in ("accumulate", "accumulate_pairs"):
+        monkeypatch.setattr(morphosim.engine.coupling, name, fail)
+    monkeypatch.setattr(morphosim.physics.motility, "normal_vectors", fail)
     monkeypatch.setattr(ColumnCover, "update", fail)
     engine = make_engine([sphere(CENTER, 2.5)], physics={"sigma": 0.5})
     volume = engine.volumes[0]

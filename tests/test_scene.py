@@ -29,8 +29,9 @@ from morphosim import (
     save_scene,
     scene_names,
 )
+from morphosim.cell_table import CellTable
+from morphosim.engine.interactions import Interactions
 from morphosim.geometry.phase_field import lattice_field
-from morphosim.physics.interactions import Interactions
 
 H = 0.5
 
@@ -441,7 +442,9 @@ def matrix_of(found: Interactions) -> NDArray[np.float64]:
 )
 def test_kernels_get_the_attraction_of_sisters(attraction: Attraction) -> None:
     names, types, parents = FAMILY.values()
-    found = Interactions(attraction, 1.6, names, types, np.float64, parents=parents)
+    cells = CellTable()
+    cells.add({"name": names, "parent": parents}, types)
+    found = Interactions(attraction, 1.6, cells, cells, np.float64)
     np.testing.assert_allclose(matrix_of(found), attraction.matrix(**FAMILY), atol=1e-15)
     exceptional = attraction.sisters != attraction.default
     assert (found.pairs is not None) == exceptional

@@ -1,6 +1,6 @@
 """What may change a simulation between two steps: divisions, removals, other parameters."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import check_values, volume_at
@@ -214,6 +215,6 @@ class Changes:
         self._volumes.forget(names)
 
 
-def used_names(table: Mapping[str, Any], removed: Iterable[tuple[float, str]]) -> set[str]:
+def used_names(table: CellTable, removed: Iterable[tuple[float, str]]) -> set[str]:
     """Names that cells have or have had: living ones, their mothers, and those taken out."""
     return {*table["name"], *table["parent"], *(name for _, name in removed)} - {""}

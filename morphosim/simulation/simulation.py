@@ -228,7 +228,7 @@ class Simulation(Changes):
     @property
     def parents(self) -> list[str]:
         """Names of their mothers; "" where they are not known."""
-        return self.engine.everyone["parent"].tolist()
+        return list(self.engine.everyone["parent"].tolist())
 
     @property
     def volumes(self) -> NDArray[np.float64]:

@@ -44,14 +44,18 @@ PRESENT = {
 }
 
 
-def make_terms(n: int, drift: bool, sweeps: int = 0) -> CellTerms:
+def make_terms(n: int, drift: bool, iterations: int = 0) -> CellTerms:
+    """Terms of cells of which the first has no history, and takes an iteration less."""
     rng = np.random.default_rng(5)
     return CellTerms(
         gamma=rng.random(n),
         well=rng.random(n),
         pressure=rng.random(n),
         drift=rng.normal(size=(n, 3)) if drift else None,
-        sweeps=rng.uniform(0.005, 0.02, (n, sweeps)),
+        points=None,
+        fresh=np.arange(n) == 0,
+        n_iterations=np.maximum(iterations - (np.arange(n) == 0), min(iterations, 1)),
+        weights=rng.uniform(0.005, 0.02, (n, iterations)),
     )
 
 

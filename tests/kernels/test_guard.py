@@ -12,7 +12,10 @@ from numba.core.registry import CPUDispatcher
 from morphosim import kernels
 from morphosim.kernels._jit import FAST_MATH
 
-NOT_KERNELS = {"frames.frame_shapes", "frames.frame_sizes"}
+NOT_KERNELS = {
+    "frames.frame_shapes", "frames.frame_sizes", "points.point_force", "points.records",
+    "points.force_at_point",
+}  # fmt: skip
 """Helpers of the host that belong beside the kernels."""
 MODULES = [f"{kernels.__name__}.{found.name}" for found in pkgutil.iter_modules(kernels.__path__)]
 

@@ -7,6 +7,7 @@ from scipy.fft import dctn, idctn
 
 from morphosim.engine.solvers.cosine_transforms import CosineTables
 from morphosim.kernels.helmholtz import COLUMNS, helmholtz_solve
+from morphosim.numerics.parameters import Numerics
 
 from .example_boxes import both_ways, taken
 
@@ -22,7 +23,9 @@ DIFFERENCES = {
 
 
 def tables(kind: tuple[str, int], shape: tuple, dtype: type = np.float64) -> CosineTables:
-    made = CosineTables(H, *kind, dtype)
+    laplacian, order = kind
+    numerics = Numerics(spacing=H, laplacian=laplacian, order=order)
+    made = CosineTables(numerics, dtype)
     made.require(np.array([*shape, 20]))
     return made
 

@@ -19,6 +19,7 @@ from morphosim.kernels.layout import Boxes, Limits, Pairs, Scheme
 from morphosim.kernels.pairs import accumulate_pairs
 from morphosim.kernels.step import N_FRAMES, accept_all, prepare_all, step_band, step_transform
 from morphosim.numerics.chebyshev import chebyshev_roots, largest_eigenvalue
+from morphosim.numerics.parameters import Numerics
 
 from .example_boxes import (
     ORIGINS,
@@ -55,15 +56,19 @@ class Setting:
     """Cells, and all that a step needs; without neighbours' terms until `couple`."""
 
     def __init__(
-        self, boxes: Boxes, phi: NDArray, numbers: dict, *, order: int = 6, sweeps: int = 0,
+        self, boxes: Boxes, phi: NDArray, numbers: dict, *, order: int = 6, iterations: int = 0,
         drift: bool = False, memory: bool = True, laplacian: str = "exact",
         tolerance: float = TOLERANCE, dtype: type = np.float64,
     ) -> None:  # fmt: skip
         self.boxes, self.dtype, n = boxes, dtype, len(boxes.start)
         self.phi = np.where(np.isnan(phi), 7, phi).astype(dtype)  # a sentinel one can compare
-        self.terms = make_terms(n, drift, sweeps)
+        self.terms = make_terms(n, drift, iterations)
         self.terms = self.terms._replace(
-            **{k: v.astype(dtype) for k, v in self.terms._asdict().items() if v is not None}
+            **{
+                k: v.astype(dtype)
+                for k, v in self.terms._asdict().items()
+                if v is not None and v.dtype.kind == "f"
+            }
         )
         self.history = np.full_like(self.phi, 9) if memory else None
         if self.history is not None:
@@ -72,8 +77,11 @@ class Setting:
                 rows = in_band(boxes, i)[..., None]
                 box(self.history, boxes, i)[:] = rows * rng.uniform(-0.5, 1, boxes.shape[i])
         self.scheme = Scheme(**{key: dtype(value) for key, value in numbers.items()})
+        self.first = Scheme(*(dtype(0.9) * value for value in self.scheme))
         self.fd_order, self.stencil = order, make_stencil(order, dtype)
-        self.cosines = CosineTables(H, laplacian, order, dtype).require(boxes.shape)
+        self.cosines = CosineTables(
+            Numerics(spacing=H, laplacian=laplacian, order=order), dtype
+        ).require(boxes.shape)
         self.limits = Limits(*map(dtype, (tolerance, RUNAWAY, 0.5)))
         self.surveys, self.lost = np.full((n, N_SURVEYED), -1.0), np.full(n, 0.25)
         self.order, self.bounds = np.array(STEPPED), np.array([0, 2, len(STEPPED)])
@@ -92,6 +100,9 @@ class Setting:
             accumulate_pairs(self.bounds, self.order, pairs, self.phi, self.boxes, pool)
         self.coupling = interaction(), columns, None if pairs is None else pairs.frame_start, pool
         self.uses = True, True if attracts or pairs is not None else None
+
+    def scheme_of(self, i: int) -> Scheme:
+        return self.first if self.terms.fresh[i] else self.scheme
 
     def acting(self) -> tuple:
         return (
@@ -112,14 +123,14 @@ class Setting:
 
     def band_step(self, way: str = "compiled") -> None:
         taken(step_band, way)(
-            *self.acting(), *self.space(), self.stencil, self.scheme, self.limits, self.surveys,
-            self.lost, *self.uses,
+            *self.acting(), *self.space(), self.stencil, self.scheme, self.first, self.limits,
+            self.surveys, self.lost, *self.uses,
         )  # fmt: skip
 
     def transform_step(self, way: str = "compiled") -> None:
         taken(step_transform, way)(
-            *self.acting(), *self.space(), self.stencil, self.scheme, self.cosines, self.limits,
-            self.surveys, *self.uses,
+            *self.acting(), *self.space(), self.stencil, self.scheme, self.first, self.cosines,
+            self.limits, self.surveys, *self.uses,
         )  # fmt: skip
 
     def outside_step(self, way: str = "compiled") -> None:
@@ -127,7 +138,14 @@ class Setting:
         rhs = np.zeros_like(self.phi)
         work, found, measured = self.space()
         taken(prepare_all, way)(
-            *self.acting(), work, self.stencil, self.scheme, self.limits.half, rhs, *self.uses
+            *self.acting(),
+            work,
+            self.stencil,
+            self.scheme,
+            self.first,
+            self.limits.half,
+            rhs,
+            *self.uses,
         )
         for i in self.order:
             box(rhs, self.boxes, i)[:] = solved(self, i, box(rhs, self.boxes, i))
@@ -165,7 +183,7 @@ def prepared(setting: Setting, i: int, whole: bool) -> tuple[NDArray, NDArray, N
     rhs, start = empty_frame(boxes, i), empty_frame(boxes, i)
     right_hand_side(
         i, boxes, whole, setting.terms, setting.terms.drift, phi, None, rhs, history, start,
-        setting.stencil, setting.scheme, setting.limits.half, None,
+        setting.stencil, setting.scheme_of(i), setting.limits.half, None,
     )  # fmt: skip
     return rhs, start, history
 
@@ -208,7 +226,7 @@ def symbol(shape: NDArray) -> NDArray:
 
 def solved(setting: Setting, i: int, rhs: NDArray) -> NDArray:
     """(lhs - γΔ)⁻¹ of a right-hand side."""
-    factor = setting.scheme.lhs + setting.terms.gamma[i] * symbol(rhs.shape)
+    factor = setting.scheme_of(i).lhs + setting.terms.gamma[i] * symbol(rhs.shape)
     return np.asarray(idctn(dctn(rhs) / factor))
 
 
@@ -228,10 +246,10 @@ def test_step_by_transforms(step: Callable, way: str) -> None:
 
 
 BAND_STEPS = {
-    "with memory": (SCHEME, {"sweeps": 4}),
-    "odd number of sweeps": (SCHEME, {"sweeps": 3, "order": 4}),
-    "without memory": (SCHEME, {"sweeps": 5, "memory": False, "order": 2}),
-    "explicit": (EULER, {"sweeps": 1, "memory": False, "drift": True}),
+    "with memory": (SCHEME, {"iterations": 4}),
+    "odd number of iterations": (SCHEME, {"iterations": 3, "order": 4}),
+    "without memory": (SCHEME, {"iterations": 5, "memory": False, "order": 2}),
+    "explicit": (EULER, {"iterations": 1, "memory": False, "drift": True}),
 }
 
 
@@ -239,18 +257,19 @@ BAND_STEPS = {
     ("name", "way"), [("with memory", "compiled"), *((name, "python") for name in BAND_STEPS)]
 )
 def test_step_on_the_band(name: str, way: str) -> None:
-    """Sweep by sweep; rows that leave the band are counted."""
+    """Iteration by iteration; rows that leave the band are counted."""
     numbers, options = BAND_STEPS[name]
     setting = random_setting(numbers, **options)
-    boxes, scheme = setting.boxes, setting.scheme
+    boxes = setting.boxes
     before, fields, histories = setting.state(), {}, {}
     dropped, found = {}, {}
     for i in STEPPED:
         rhs, u, history = prepared(setting, i, False)
         runs, gamma = in_runs(boxes, i), setting.terms.gamma[i]
         u = np.where(runs, u, 0)
-        for weight in setting.terms.sweeps[i]:
-            change = rhs - scheme.lhs * u + gamma * flat_laplacian(u, boxes, i, setting.fd_order)
+        lhs = setting.scheme_of(i).lhs
+        for weight in setting.terms.weights[i, : setting.terms.n_iterations[i]]:
+            change = rhs - lhs * u + gamma * flat_laplacian(u, boxes, i, setting.fd_order)
             u = np.where(runs, u + weight * change, 0)
         field = np.where(in_band(boxes, i)[..., None], inside(u, boxes, i), 0)
         y, rows = np.arange(boxes.shape[i, 1]), expected_band(field, TOLERANCE)
@@ -275,7 +294,7 @@ def test_the_band_grows_where_the_field_reaches_its_edge(way: str) -> None:
     for i in range(5):
         band_of(boxes, i)[3:5] = 4, 6
         box(phi, boxes, i)[3:5, 4:6, 5:7] = 1
-    setting = Setting(boxes, phi, SCHEME, sweeps=2)
+    setting = Setting(boxes, phi, SCHEME, iterations=2)
     setting.band_step(way)
     for i in STEPPED:
         expected = [[10, 0], [10, 0], [4, 6], [3, 7], [3, 7], [4, 6], [10, 0], [10, 0]]
@@ -294,7 +313,7 @@ def test_the_band_grows_where_the_field_reaches_its_edge(way: str) -> None:
 @both_ways
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e6])
 def test_a_cell_that_diverges_keeps_field_and_history(value: float, way: str) -> None:
-    setting = random_setting(SCHEME, sweeps=4)
+    setting = random_setting(SCHEME, iterations=4)
     x, y = np.argwhere(in_band(setting.boxes, 0))[-1]
     box(setting.history, setting.boxes, 0)[x, y, 6] = value
     setting.surveys[0] = np.arange(N_SURVEYED) + 20.0
@@ -356,14 +375,15 @@ def smooth_setting(**options: Any) -> Setting:
     return setting
 
 
-def with_sweeps(setting: Setting, cycles: int) -> None:
-    """Weights of `cycles` times six sweeps."""
+def with_iterations(setting: Setting, cycles: int) -> None:
+    """Weights of `cycles` times six iterations."""
     top = largest_eigenvalue(setting.fd_order, H)
     gammas = setting.terms.gamma
     roots = [chebyshev_roots(9.0, float(g) * 4, float(g) * top, 6) for g in gammas]
     assert {len(r) for r in roots} == {6}
-    sweeps = np.tile(1 / np.array(roots), cycles).astype(setting.dtype)
-    setting.terms = setting.terms._replace(sweeps=sweeps)
+    weights = np.tile(1 / np.array(roots), cycles).astype(setting.dtype)
+    counts = np.full(len(gammas), weights.shape[1])
+    setting.terms = setting.terms._replace(weights=weights, n_iterations=counts)
 
 
 def some_pairs() -> Pairs:
@@ -376,12 +396,12 @@ def some_pairs() -> Pairs:
     )
 
 
-def test_sweeps_and_transforms_agree() -> None:
+def test_iterations_and_transforms_agree() -> None:
     """With the stencil's symbol, where the box's faces do not matter; all terms at once."""
     results = []
     for step in (Setting.transform_step, Setting.band_step):
         setting = smooth_setting(order=6, laplacian="stencil", memory=True, drift=True)
-        with_sweeps(setting, cycles=12)
+        with_iterations(setting, cycles=12)
         setting.couple(Cover(setting.boxes, absent=0), pairs=some_pairs())
         before = setting.state()
         step(setting)
@@ -418,7 +438,7 @@ def test_the_result_does_not_depend_on_the_lists(step: Callable) -> None:
     results = []
     for order, bounds, threads in lists:
         boxes, phi = make_boxes(13, ORIGINS, SHAPES)
-        setting = Setting(boxes, phi, SCHEME, sweeps=4, drift=True)
+        setting = Setting(boxes, phi, SCHEME, iterations=4, drift=True)
         setting.couple(Cover(boxes))
         setting.order, setting.bounds = np.array(order), np.array(bounds)
         setting.limits = setting.limits._replace(runaway=np.float64(1e6))
@@ -436,7 +456,7 @@ def test_the_result_does_not_depend_on_the_lists(step: Callable) -> None:
 def test_a_cell_that_feels_nothing_need_not_look(step: Callable) -> None:
     results = []
     for felt in (True, False):
-        setting = random_setting(SCHEME, sweeps=4)
+        setting = random_setting(SCHEME, iterations=4)
         setting.couple(Cover(setting.boxes, absent=1))
         setting.coupling[1].felt[:] = felt
         step(setting)
@@ -451,7 +471,7 @@ def test_a_cell_does_not_feel_itself(step: Callable, way: str) -> None:
     """Nor its mirror image beyond the faces, if the solver takes the field as mirrored there."""
     results = []
     for coupled in (True, False):
-        setting = random_setting(SCHEME, sweeps=4)
+        setting = random_setting(SCHEME, iterations=4)
         for i in STEPPED[1:]:
             box(setting.phi, setting.boxes, i)[:] = 0
             band_of(setting.boxes, i)[:] = 99, 0
@@ -468,7 +488,7 @@ def test_a_cell_does_not_feel_itself(step: Callable, way: str) -> None:
 
 def test_others_are_felt() -> None:
     """As a check of the test before."""
-    setting, alone = random_setting(SCHEME, sweeps=4), random_setting(SCHEME, sweeps=4)
+    setting, alone = random_setting(SCHEME, iterations=4), random_setting(SCHEME, iterations=4)
     setting.couple(Cover(setting.boxes, absent=0))
     setting.band_step()
     alone.band_step()

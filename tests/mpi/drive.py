@@ -89,7 +89,7 @@ def write(folder: Path, name: str, simulation: Simulation) -> None:
         "face_peak": engine.face_peak, "lost_volume": engine.lost_volume,
     }  # fmt: skip
     facts = [
-        simulation.names, list(engine.types), simulation.events, simulation.removed,
+        simulation.names, simulation.types, simulation.events, simulation.removed,
         simulation.time, simulation.error,
     ]  # fmt: skip
     if COMM.rank == 0:
@@ -102,7 +102,7 @@ def advanced(scene: Scene, advance: Callable[[Simulation], Any], rebalance: int 
 ):  # fmt: skip
     simulation = KIND(scene)
     if isinstance(simulation, DistributedSimulation):
-        simulation.shares.rebalance = rebalance
+        simulation.engine.rebalance = rebalance
     with suppress(SimulationError):
         advance(simulation)
     return simulation
@@ -173,7 +173,7 @@ def main() -> None:
     write(folder, "stopping", advanced(vanishing(), lambda s: s.run(until=40)))
     saved(folder / "run")
     if isinstance(moved, DistributedSimulation):
-        local, traffic = moved.shares.local, moved.shares.traffic
+        local, traffic = moved.engine.local, moved.engine.traffic
         told = {
             "own": int(local.own.sum()), "held": len(local), "sent": traffic.fields,
             "stopped": stopped(), "interrupted": interrupted(),

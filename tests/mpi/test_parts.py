@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from morphosim.bench import packed_points
-from morphosim.engine.box_pool import BoxPool
+from morphosim.cell_table import CellTable
+from morphosim.engine.box_pool import COLUMNS, BoxPool
 from morphosim.kernels.layout import Limits
 from morphosim.kernels.messages import pack, unpack
 from morphosim.mpi import state_transfer as contents
@@ -15,7 +16,6 @@ from morphosim.mpi.communicator import world
 from morphosim.mpi.decompose import owners, work
 from morphosim.mpi.ghost_exchange import Parcel, size_of
 from morphosim.mpi.ghost_regions import Portion, Reach, portions
-from morphosim.mpi.local_engine import RankPool
 
 
 def boxes(seed: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -105,13 +105,15 @@ def test_columns_under_a_cell_are_those_of_all_copies() -> None:
         assert tiles(copies, k, i, reach) == tiles(reach, cell, i, reach)
 
 
-def pool_of(kind: type[BoxPool] = RankPool) -> BoxPool:
+def pool_of() -> BoxPool:
     limits = Limits(*np.array([1e-3, 4.0, 0.5]))
-    pool = kind(np.float64, limits, True, False)
+    cells = CellTable(COLUMNS)
+    pool = BoxPool(cells, np.float64, limits, True, False)
     axes = np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij")
     distance = np.sqrt(sum((x - 11.5) ** 2 for x in axes))
     ball = 0.5 * (1 + np.tanh(6 - distance))
-    pool.add([(np.zeros(3, np.int64), ball), (np.array([30, 2, 3]), ball)])
+    rows = cells.add({"name": ["a", "b"]}, ["", ""])
+    pool.lay(rows, [(np.zeros(3, np.int64), ball), (np.array([30, 2, 3]), ball)])
     return pool
 
 
@@ -153,12 +155,11 @@ def test_arrange_keeps_fields_and_empties_new_boxes() -> None:
 
 
 def test_states_are_put_together_as_they_were() -> None:
-    pool = pool_of(BoxPool)
-    state = pool.contents() | {"face_peak": np.array([0.1, 0.2])}
-    parts = [
-        contents.select(state, np.array([i])) | {"rows": np.array([i])} for i in (1, 0)
-    ] + [{"rows": np.zeros(0, np.int64)}]  # fmt: skip
-    merged = contents.merge(parts)
+    pool = pool_of()
+    columns = pool.cells.select(np.arange(2), [c.name for c in COLUMNS if c.saved])
+    state = pool.contents() | columns | {"face_peak": np.array([0.1, 0.2])}
+    parts = [contents.select(state, np.array([i])) for i in (1, 0)]
+    merged = contents.merge([*parts, {"rows": np.zeros(0, np.int64)}])
     assert merged.keys() == state.keys()
     for name, value in state.items():
         np.testing.assert_array_equal(merged[name], value)
