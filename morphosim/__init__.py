@@ -10,8 +10,11 @@ Examples
 >>> simulation.run(until=20)
 """
 
+import sys
 from importlib import import_module
 from importlib.metadata import version
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 _EXPORTS = {
@@ -108,3 +111,23 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+def _load_kernels_of_clone() -> None:
+    """Load `morphosim.kernels` from beside this folder if the folder is that of a clone.
+
+    An installation has the kernels within the package. Python started at the root of a clone
+    imports the clone's folder instead, which has none.
+    """
+    folder, name = Path(__file__).parent, f"{__name__}.kernels"
+    spec = spec_from_file_location(name, folder.parent / "kernels" / "__init__.py")
+    installed = (folder / "kernels").is_dir()
+    if installed or spec is None or spec.loader is None or not Path(str(spec.origin)).is_file():
+        return
+    module = module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    globals()["kernels"] = module  # as the import system binds it
+
+
+_load_kernels_of_clone()
