@@ -10,8 +10,8 @@ import pytest
 from morphosim.importers.lineage import (
     CONTACT_STAGES,
     Lineage,
-    contact_areas,
-    contacts,
+    celegans_contact_areas,
+    celegans_contacts,
     read_lineage,
 )
 
@@ -137,7 +137,9 @@ def test_groups_are_those_of_the_facts(worm: Lineage) -> None:
 @pytest.mark.parametrize("stage", CONTACT_STAGES)
 def test_contacts_are_those_of_the_facts(stage: int) -> None:
     rows = facts(f"contacts_{stage}cell.csv")
-    assert contacts(stage) == {(r["cell1"], r["cell2"]): r["status_inferred"] for r in rows}
+    assert celegans_contacts(stage) == {
+        (r["cell1"], r["cell2"]): r["status_inferred"] for r in rows
+    }
 
 
 def test_order_by_founder_and_time_gives_the_same_groups(worm: Lineage, tmp_path: Path) -> None:
@@ -162,7 +164,7 @@ def test_order_by_founder_and_time_gives_the_same_groups(worm: Lineage, tmp_path
 def test_contacts_cover_all_pairs(
     worm: Lineage, stage: int, cells: int, counts: dict[str, int]
 ) -> None:
-    table = contacts(stage)
+    table = celegans_contacts(stage)
     group = next(g.number for g in worm.groups() if g.cells_after == stage)
     assert Counter(table.values()) == counts
     assert len({frozenset(pair) for pair in table}) == cells * (cells - 1) // 2
@@ -170,8 +172,8 @@ def test_contacts_cover_all_pairs(
 
 
 def test_areas_are_of_the_five_contacts_of_four_cells() -> None:
-    touching = {pair for pair, status in contacts(4).items() if status == "contact"}
-    areas = contact_areas()
+    touching = {pair for pair, status in celegans_contacts(4).items() if status == "contact"}
+    areas = celegans_contact_areas()
     assert set(areas) == touching
     assert areas["ABa", "ABp"] == 343.3
     assert min(areas, key=areas.__getitem__) == ("EMS", "P2")
@@ -179,7 +181,7 @@ def test_areas_are_of_the_five_contacts_of_four_cells() -> None:
 
 def test_contacts_of_an_unknown_stage_list_the_known_ones() -> None:
     with pytest.raises(ValueError, match="stage = 5 is not known; allowed are 4, 6, 7, 8"):
-        contacts(5)
+        celegans_contacts(5)
 
 
 # --- another species ---------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from morphosim.geometry.confinement import BoxWalls, EllipsoidShell
+from morphosim import BoxWalls, EllipsoidShell
 from morphosim.pictures import needs, sight
 from morphosim.pictures.camera import MARGIN, View, camera, swept, turned
 from morphosim.pictures.film import film

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.geometry.confinement import EllipsoidShell
+from morphosim import EllipsoidShell
 from morphosim.pictures import viewerdata
 from morphosim.pictures.meshcode import packed
 from morphosim.pictures.meshes import cell_meshes, shell_mesh

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.importers.lineage import contact_areas, contacts
+from morphosim.importers.lineage import celegans_contact_areas, celegans_contacts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -123,7 +123,7 @@ class StageEnd:
 
     def differences(self) -> dict[str, float]:
         """(S_sim - S_exp) / S_exp of the five contacts of four cells, by "cell-cell"."""
-        wanted = contact_areas()
+        wanted = celegans_contact_areas()
         return {"-".join(p): self.area(p) / area - 1 for p, area in wanted.items()}
 
 
@@ -219,7 +219,7 @@ def _touch(pairs: Sequence[tuple[str, str]], end: StageEnd) -> Finding:
 
 def _map(count: int, end: StageEnd) -> Finding:
     """Whether cells touch as listed for a number of cells."""
-    finding = _compare(contacts(count), end)
+    finding = _compare(celegans_contacts(count), end)
     return _if_long_enough(finding, end) if count == 8 else finding
 
 
@@ -282,7 +282,7 @@ def _too_small(end: StageEnd) -> Finding:
 
 def _enlarged(before: StageEnd, end: StageEnd) -> Finding:
     """D: all areas are larger than without attraction."""
-    change = {"-".join(p): end.area(p) - before.area(p) for p in contact_areas()}
+    change = {"-".join(p): end.area(p) - before.area(p) for p in celegans_contact_areas()}
     small = {name: value for name, value in change.items() if value <= 0}
     note = "; ".join(f"{name} is smaller by {-value:.1f} um2" for name, value in small.items())
     measured = f"{len(change) - len(small)} of {len(change)}, least {min(change.values()):+.1f} um2"
