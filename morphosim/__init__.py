@@ -22,7 +22,7 @@ _EXPORTS = {
     "CellVanishedError": "errors",
     "DivergenceError": "errors",
     "SaveError": "errors",
-    "export": "exports",
+    "export": "exports.export",
     "BoxWalls": "geometry.confinement",
     "EllipsoidShell": "geometry.confinement",
     "FunctionWalls": "geometry.confinement",
@@ -86,7 +86,7 @@ _EXPORTS = {
 if TYPE_CHECKING:
     from morphosim.accessor import open_run
     from morphosim.errors import CellVanishedError, DivergenceError, SaveError
-    from morphosim.exports import export
+    from morphosim.exports.export import export
     from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
     from morphosim.geometry.shapes import Ellipsoid, Field, Mask, Sphere
     from morphosim.importers.labels.image_file import read_labels

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._extras import need
 from morphosim.pictures.camera import Camera
 from morphosim.pictures.meshes import CellMesh
-from morphosim.pictures.needs import need, need_drawing
+from morphosim.pictures.needs import need_drawing
 from morphosim.pictures.palettes import RGB
 
 FINER = 2
@@ -65,7 +66,7 @@ class Painter(AbstractContextManager["Painter"]):
     """
 
     def __init__(self) -> None:
-        self._pv = need("pyvista", "a picture")
+        self._pv = need("pyvista", "a picture", "pictures")
         need_drawing()
         with _quiet():
             self._plotter = self._pv.Plotter(off_screen=True, lighting="none")
@@ -176,7 +177,7 @@ class Painter(AbstractContextManager["Painter"]):
         window = self._plotter.render_window
         window.Render()
         width, height = window.GetSize()
-        pixels = need("vtkmodules.vtkCommonCore", "a picture").vtkUnsignedCharArray()
+        pixels = need("vtkmodules.vtkCommonCore", "a picture", "pictures").vtkUnsignedCharArray()
         window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, pixels)
         return np.array(pixels).reshape(height, width, 4)[::-1]
 
@@ -193,7 +194,7 @@ class Painter(AbstractContextManager["Painter"]):
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep VTK from remarking that there is no display, which it then does without."""
-    logger = need("vtkmodules.vtkCommonCore", "a picture").vtkLogger
+    logger = need("vtkmodules.vtkCommonCore", "a picture", "pictures").vtkLogger
     before = logger.GetCurrentVerbosityCutoff()
     logger.SetStderrVerbosity(logger.VERBOSITY_ERROR)
     try:
