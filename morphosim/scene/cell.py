@@ -1,6 +1,6 @@
 """A cell at the start of a scene."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +96,14 @@ class Cell:
         else:
             value = self.volume
         return _validate.number(f"cell {self.name!r}: volume at t = {time:g}", value, above=0)
+
+
+def ancestors(name: str, mothers: Mapping[str, str]) -> Iterator[str]:
+    """Mother of a cell, her mother, and so on; it ends where mothers go round in a circle."""
+    seen = {name}
+    while (name := mothers.get(name, "")) and name not in seen:
+        seen.add(name)
+        yield name
 
 
 def tensions(cells: Iterable[Cell], physics: Physics) -> list[float]:
