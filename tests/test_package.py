@@ -1,9 +1,11 @@
 """The package as it is found: at the root of a clone, installed either way."""
 
+import ast
 import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -79,3 +81,22 @@ def test_another_process_unpickles_what_is_of_a_clones_kernels(clone: Path, plai
     )  # fmt: skip
     found = python(f"import pickle; print(pickle.loads({said}).__name__)", clone, "-S", **plain)
     assert found == "Boxes"
+
+
+def test_all_folders_with_code_are_installed() -> None:
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        stated = tomllib.load(file)["tool"]["setuptools"]["packages"]
+    folders = [path.parent.relative_to(ROOT) for path in ROOT.glob("morphosim/**/__init__.py")]
+    assert sorted(stated) == sorted([".".join(f.parts) for f in folders] + ["morphosim.kernels"])
+
+
+def test_no_module_imports_a_private_name_of_another() -> None:
+    found = [
+        f"{path.name}: {node.module}.{alias.name}"
+        for path in ROOT.glob("morphosim/**/*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module != "morphosim"
+        for alias in node.names
+        if alias.name.startswith("_")
+    ]
+    assert found == []

@@ -42,7 +42,7 @@ class Panel:
     seen : (H, W) int32
         Place in `names` of the cell at each pixel; -1 where there is none.
     names : of the cells
-    frames : (N,)
+    rectangles : (N,)
         Pixels of the rectangle around each cell, as if no other hid it.
     camera : Camera
     """
@@ -50,7 +50,7 @@ class Panel:
     image: NDArray[np.uint8]
     seen: NDArray[np.int32]
     names: Sequence[str]
-    frames: NDArray[np.float64]
+    rectangles: NDArray[np.float64]
     camera: Camera
 
 
@@ -123,8 +123,8 @@ class Painter(AbstractContextManager["Painter"]):
         if self._shell is not None:
             outside = self._shot(self._outline)[..., 0] > 127  # white there
             _darken(image, _rims(outside) & (seen < 0), SHELL_LINE)
-        frames = np.array([_frame(camera.pixels(mesh.vertices)) for mesh in self._meshes])
-        return Panel(_coarser(image), seen[::FINER, ::FINER], self._names, frames, camera)
+        rectangles = np.array([_rectangle(camera.pixels(mesh.vertices)) for mesh in self._meshes])
+        return Panel(_coarser(image), seen[::FINER, ::FINER], self._names, rectangles, camera)
 
     def _load_cells(self, meshes: Sequence[CellMesh], colours: Mapping[str, RGB]) -> None:
         """One mesh of all cells, drawn in their colours and, on demand, in their numbers."""
@@ -203,7 +203,7 @@ def _quiet() -> Iterator[None]:
         logger.SetStderrVerbosity(before)
 
 
-def _frame(points: NDArray[np.float64]) -> float:
+def _rectangle(points: NDArray[np.float64]) -> float:
     """Area of the rectangle around points (N, 2)."""
     return float(np.prod(points.max(axis=0) - points.min(axis=0)))
 
