@@ -12,16 +12,15 @@ import pytest
 import xarray as xr
 
 from morphosim.importers.lineage import celegans_contact_areas, celegans_contacts
-from morphosim.library.celegans.quality_control import (
+from morphosim.library.celegans.quality_checks import (
     EIGHT,
     FIVE_PAIRS,
     FOUR,
     SEVEN,
     SIX,
-    Criterion,
     plane_distance,
-    quality_control,
 )
+from morphosim.library.celegans.quality_control import Criterion, quality_control
 from morphosim.library.celegans.quality_report import report_text, to_json
 
 NAMES = ["P0", "AB", "P1", *FOUR[:3], "P2", *SIX[:4], "MS", "E", "C", "P3"]
