@@ -17,11 +17,10 @@ from typing import Any
 
 from _common import report
 
-from morphosim import Numerics, RunWriter, Scene, Simulation, StabilityWarning, open_run
+from morphosim import Duration, Numerics, RunWriter, Scene, Simulation, StabilityWarning, open_run
 from morphosim.errors import SimulationError
 from morphosim.library.celegans.quality_control import quality_control
 from morphosim.library.celegans.scenes import celegans_1_to_8
-from morphosim.scene.stages import Duration
 
 JUDGED = ("overflow", "touch", "contacts", "contact map", "distance from a plane")
 """Criteria that count, by words of their texts."""

@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from morphosim import Scene, Simulation, open_run
-from morphosim.importers.lineage import contact_areas as experiment
-from morphosim.scene.stages import Stage, Steady
+from morphosim import Scene, Simulation, Stage, Steady, celegans_contact_areas, open_run
 
 START = "4-cell, no attraction"
-FIVE = experiment()
+FIVE = celegans_contact_areas()
 FOUR = [f"{a}-{b}" for a, b in FIVE if {a, b} != {"EMS", "P2"}]
 """The contacts that σ_S is found by; EMS-P2 is left to σ_W."""
 

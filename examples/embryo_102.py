@@ -14,8 +14,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from xarray import Dataset
 
-from morphosim import open_run
-from morphosim.importers.lineage import Lineage, read_lineage
+from morphosim import Lineage, open_run, read_lineage
 
 FOUNDERS = {
     "P0": "#bbbbbb", "AB": "#4477aa", "MS": "#ee6677", "E": "#228833", "C": "#ccbb44",

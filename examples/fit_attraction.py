@@ -15,8 +15,7 @@ import xarray as xr
 from _four_cells import FOUR, differences, four_cells
 from scipy.optimize import minimize_scalar
 
-from morphosim import RunWriter, Scene, Simulation, open_run
-from morphosim.physics.attraction import Attraction
+from morphosim import Attraction, RunWriter, Scene, Simulation, open_run
 
 HIGHEST, PRECISION = 1.5, 0.05
 SCAN = np.arange(16) / 10

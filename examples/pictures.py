@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 from morphosim import open_run
-from morphosim.pictures.plot import plot
 
 COLOURS = {"R": "#d55e00", "G": "#009e73", "B": "#0072b2"}
 EMBRYO = {"mirror": True}
@@ -30,7 +29,7 @@ runs, out = map(Path, sys.argv[1:3])
 for name, options in PICTURES.items():
     if (runs / name).exists():
         with open_run(runs / name) as run:
-            plot(run, path=out / f"{name}.png", **options)
+            run.morpho.plot(path=out / f"{name}.png", **options)
         print(f"{out / name}.png")
     else:
         print(f"there is no run {runs / name}")

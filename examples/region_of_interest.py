@@ -17,10 +17,10 @@ from morphosim import (
     Simulation,
     built_in_scene,
     import_labels,
+    label_image,
     read_labels,
     relaxed,
 )
-from morphosim.measure.label_image import label_image
 
 REGION = ("ABpl", "E", "MS")
 TIME = 100.0  # in silico, of the run that makes the image and of those that start from it

@@ -9,8 +9,7 @@ import sys
 import xarray as xr
 from _four_cells import FOUR, differences, four_cells
 
-from morphosim import sweep
-from morphosim.sweeps.axes import Axis
+from morphosim import Axis, sweep
 
 STRONG = [0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5]
 WEAK = [0.0, 0.3, 0.6, 0.9, 1.2]

@@ -12,13 +12,12 @@ import matplotlib.pyplot as plt
 import xarray as xr
 
 from morphosim import ProgressBar, RunWriter, Simulation, built_in_scene, open_run
-from morphosim.library.synnotch import LOWER, UPPER
-from morphosim.pictures.plot import draw
 
 COLOURS = {"R": "#d55e00", "G": "#009e73", "B": "#0072b2"}
 ROWS = ("asymmetric-3", "asymmetric-2", "symmetric", "repair", "dissociation")
 TIMES = range(0, 50001, 10000)
-BOX, VIEW = (LOWER, UPPER), (1.0, 0.35, 0.45)
+BOX = built_in_scene("synnotch-symmetric").confinement.bounds()
+VIEW = (1.0, 0.35, 0.45)
 
 
 def simulate(runs: Path, name: str) -> None:
@@ -89,8 +88,8 @@ def draw_cells(runs: dict[str, xr.Dataset], path: Path) -> None:
         for column, time in enumerate(TIMES):
             ax = figure.add_subplot(grid[row, column])
             cut = name == "repair" and time == 0  # the first save is that before the cut
-            draw(
-                ax, run, 500 if cut else time, VIEW, by="type", colours=COLOURS, names=False,
+            run.morpho.draw(
+                ax, 500 if cut else time, VIEW, by="type", colours=COLOURS, names=False,
                 bounds=BOX, scale_bar=row == column == 0, axes=False, foot=0.0,
             )  # fmt: skip
             if row == 0:

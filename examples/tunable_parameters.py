@@ -5,8 +5,16 @@ Run as `python examples/tunable_parameters.py`: about half a minute.
 
 import numpy as np
 
-from morphosim import Attraction, Cell, Physics, Scene, Simulation, Sphere, VolumeCourse
-from morphosim.measure.measurement import measure_fields
+from morphosim import (
+    Attraction,
+    Cell,
+    Physics,
+    Scene,
+    Simulation,
+    Sphere,
+    VolumeCourse,
+    measure_fields,
+)
 
 
 def ball(name: str, x: float, radius: float = 5.0, **options: object) -> Cell:

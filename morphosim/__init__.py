@@ -10,54 +10,79 @@ Examples
 >>> simulation.run(until=20)
 """
 
+import sys
 from importlib import import_module
 from importlib.metadata import version
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 _EXPORTS = {
-    "Attraction": "physics.attraction",
+    "Column": "cell_table",
+    "Term": "physics.term",
+    "point_force": "kernels.points",
+    "open_run": "accessor",
+    "CellVanishedError": "errors",
+    "DivergenceError": "errors",
+    "SaveError": "errors",
+    "export": "exports.export",
     "BoxWalls": "geometry.confinement",
     "EllipsoidShell": "geometry.confinement",
     "FunctionWalls": "geometry.confinement",
     "MaskWalls": "geometry.confinement",
-    "contact_areas": "measure.contacts",
-    "touching": "measure.contacts",
-    "Column": "cell_table",
-    "CellVanishedError": "errors",
-    "DivergenceError": "errors",
-    "SaveError": "errors",
-    "export": "exports",
-    "built_in_scene": "library.built_in",
-    "scene_names": "library.built_in",
-    "import_matlab": "importers.matlab.scene",
-    "Measurement": "measure.measurement",
-    "measure_fields": "measure.measurement",
-    "Numerics": "numerics.parameters",
-    "packed_cells": "scene.random_packing",
-    "Physics": "physics.parameters",
-    "Term": "physics.term",
-    "point_force": "kernels.points",
-    "ProgressBar": "simulation.progress_bar",
-    "relaxed": "simulation.relaxation",
-    "pack": "runs.pack",
-    "load_fields": "runs.saved_fields",
-    "open_run": "accessor",
-    "RunWriter": "runs.writer",
-    "Cell": "scene.cell",
-    "Scene": "scene.scene",
-    "VolumeCourse": "scene.cell",
-    "load_scene": "scene.file",
-    "save_scene": "scene.file",
     "Ellipsoid": "geometry.shapes",
     "Field": "geometry.shapes",
     "Mask": "geometry.shapes",
     "Sphere": "geometry.shapes",
+    "read_labels": "importers.labels.image_file",
     "LabelImage": "importers.labels.label_image",
     "SegmentationWarning": "importers.labels.label_image",
-    "read_labels": "importers.labels.image_file",
     "import_labels": "importers.labels.scene",
-    "Simulation": "simulation.simulation",
+    "Lineage": "importers.lineage",
+    "celegans_contact_areas": "importers.lineage",
+    "celegans_contacts": "importers.lineage",
+    "read_lineage": "importers.lineage",
+    "lineage_scene": "importers.lineage.scene",
+    "import_matlab": "importers.matlab.scene",
+    "built_in_scene": "library.built_in",
+    "scene_names": "library.built_in",
+    "celegans_1_to_102": "library.celegans.scenes",
+    "celegans_1_to_8": "library.celegans.scenes",
+    "contact_areas": "measure.contacts",
+    "touching": "measure.contacts",
+    "label_image": "measure.label_image",
+    "Measurement": "measure.measurement",
+    "measure_fields": "measure.measurement",
+    "DistributedSimulation": "mpi.distributed_simulation",
+    "RootObserver": "mpi.distributed_simulation",
+    "Numerics": "numerics.parameters",
+    "Attraction": "physics.attraction",
+    "Physics": "physics.parameters",
+    "pack": "runs.pack",
+    "load_fields": "runs.saved_fields",
+    "RunWriter": "runs.writer",
+    "Cell": "scene.cell",
+    "VolumeCourse": "scene.cell",
+    "Duration": "scene.ends",
+    "QuasiSteady": "scene.ends",
+    "Steady": "scene.ends",
+    "When": "scene.ends",
+    "CellChange": "scene.events",
+    "Differentiation": "scene.events",
+    "Division": "scene.events",
+    "PhysicsChange": "scene.events",
+    "Removal": "scene.events",
+    "load_scene": "scene.file",
+    "save_scene": "scene.file",
+    "packed_cells": "scene.random_packing",
+    "Scene": "scene.scene",
     "StabilityWarning": "scene.stability",
+    "Stage": "scene.stages",
+    "ProgressBar": "simulation.progress_bar",
+    "relaxed": "simulation.relaxation",
+    "Simulation": "simulation.simulation",
+    "Axis": "sweeps.axes",
+    "Range": "sweeps.axes",
     "sweep": "sweeps.run",
 }
 
@@ -65,17 +90,27 @@ if TYPE_CHECKING:
     from morphosim.accessor import open_run
     from morphosim.cell_table import Column
     from morphosim.errors import CellVanishedError, DivergenceError, SaveError
-    from morphosim.exports import export
+    from morphosim.exports.export import export
     from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
     from morphosim.geometry.shapes import Ellipsoid, Field, Mask, Sphere
     from morphosim.importers.labels.image_file import read_labels
     from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
     from morphosim.importers.labels.scene import import_labels
+    from morphosim.importers.lineage import (
+        Lineage,
+        celegans_contact_areas,
+        celegans_contacts,
+        read_lineage,
+    )
+    from morphosim.importers.lineage.scene import lineage_scene
     from morphosim.importers.matlab.scene import import_matlab
     from morphosim.kernels.points import point_force
     from morphosim.library.built_in import built_in_scene, scene_names
+    from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
     from morphosim.measure.contacts import contact_areas, touching
+    from morphosim.measure.label_image import label_image
     from morphosim.measure.measurement import Measurement, measure_fields
+    from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
     from morphosim.physics.parameters import Physics
@@ -84,24 +119,88 @@ if TYPE_CHECKING:
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
     from morphosim.scene.cell import Cell, VolumeCourse
+    from morphosim.scene.ends import Duration, QuasiSteady, Steady, When
+    from morphosim.scene.events import CellChange, Differentiation, Division, PhysicsChange, Removal
     from morphosim.scene.file import load_scene, save_scene
     from morphosim.scene.random_packing import packed_cells
     from morphosim.scene.scene import Scene
     from morphosim.scene.stability import StabilityWarning
+    from morphosim.scene.stages import Stage
     from morphosim.simulation.progress_bar import ProgressBar
     from morphosim.simulation.relaxation import relaxed
     from morphosim.simulation.simulation import Simulation
+    from morphosim.sweeps.axes import Axis, Range
     from morphosim.sweeps.run import sweep
 
 __version__ = version("morphosim")
 __all__ = [
-    "Attraction", "BoxWalls", "Cell", "CellVanishedError", "Column", "DivergenceError", "Ellipsoid",
-    "EllipsoidShell", "Field", "FunctionWalls", "LabelImage", "Mask", "MaskWalls", "Measurement",
-    "Numerics", "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "SegmentationWarning",
-    "Simulation", "Sphere", "StabilityWarning", "Term", "VolumeCourse", "__version__", "built_in_scene",
-    "contact_areas", "export", "import_labels", "import_matlab", "load_fields", "load_scene",
-    "measure_fields", "open_run", "pack", "packed_cells", "point_force", "read_labels", "relaxed", "save_scene",
-    "scene_names", "sweep", "touching",
+    "Attraction",
+    "Axis",
+    "BoxWalls",
+    "Cell",
+    "CellChange",
+    "CellVanishedError",
+    "Column",
+    "Differentiation",
+    "DistributedSimulation",
+    "DivergenceError",
+    "Division",
+    "Duration",
+    "Ellipsoid",
+    "EllipsoidShell",
+    "Field",
+    "FunctionWalls",
+    "LabelImage",
+    "Lineage",
+    "Mask",
+    "MaskWalls",
+    "Measurement",
+    "Numerics",
+    "Physics",
+    "PhysicsChange",
+    "ProgressBar",
+    "QuasiSteady",
+    "Range",
+    "Removal",
+    "RootObserver",
+    "RunWriter",
+    "SaveError",
+    "Scene",
+    "SegmentationWarning",
+    "Simulation",
+    "Sphere",
+    "StabilityWarning",
+    "Stage",
+    "Steady",
+    "Term",
+    "VolumeCourse",
+    "When",
+    "__version__",
+    "built_in_scene",
+    "celegans_1_to_8",
+    "celegans_1_to_102",
+    "celegans_contact_areas",
+    "celegans_contacts",
+    "contact_areas",
+    "export",
+    "import_labels",
+    "import_matlab",
+    "label_image",
+    "lineage_scene",
+    "load_fields",
+    "load_scene",
+    "measure_fields",
+    "open_run",
+    "pack",
+    "packed_cells",
+    "point_force",
+    "read_labels",
+    "read_lineage",
+    "relaxed",
+    "save_scene",
+    "scene_names",
+    "sweep",
+    "touching",
 ]  # fmt: skip
 
 
@@ -114,3 +213,23 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
+
+
+def _load_kernels_of_clone() -> None:
+    """Load `morphosim.kernels` from beside this folder if the folder is that of a clone.
+
+    An installation has the kernels within the package. Python started at the root of a clone
+    imports the clone's folder instead, which has none.
+    """
+    folder, name = Path(__file__).parent, f"{__name__}.kernels"
+    spec = spec_from_file_location(name, folder.parent / "kernels" / "__init__.py")
+    installed = (folder / "kernels").is_dir()
+    if installed or spec is None or spec.loader is None or not Path(str(spec.origin)).is_file():
+        return
+    module = module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    globals()["kernels"] = module  # as the import system binds it
+
+
+_load_kernels_of_clone()

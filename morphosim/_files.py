@@ -1,7 +1,6 @@
 """Files: clear errors for what is missing or damaged, and files that appear whole or not at all."""
 
 import csv
-import importlib
 import io
 import os
 import tomllib
@@ -50,15 +49,6 @@ def csv_rows(path: Path) -> list[list[str]]:
     text = path.read_text(encoding="utf-8-sig")
     first = text.partition("\n")[0]
     return list(csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first.count)))
-
-
-def need(package: str, path: Path) -> Any:
-    """Import a package that reads this file, or raise ImportError with what to install."""
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        message = f"{path} needs the package {package}; try: pip install 'morphosim[matlab]'"
-        raise ImportError(message) from error
 
 
 def listed(names: Sequence[str]) -> str:

@@ -3,7 +3,7 @@
 import difflib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -66,8 +66,8 @@ def choice(name: str, value: Any, allowed: Iterable[Any]) -> None:
 
 
 def names_of(cls: type) -> list[str]:
-    """Names of a dataclass's values: the keys that a table of it may have."""
-    return [f.name for f in fields(cls)]
+    """Names of a dataclass's values, the keys that a table of it may have; another has none."""
+    return [f.name for f in fields(cls)] if is_dataclass(cls) else []
 
 
 def keys(where: str, table: Mapping[str, Any], allowed: Iterable[str]) -> None:
@@ -84,25 +84,31 @@ def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     return array(name, value, (3,))
 
 
-def array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Return `value` as a finite float64 array of `shape` (None: any length), or raise."""
+def array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None) -> NDArray[np.float64]:
+    """Return `value` as a finite float64 array of `shape` (None: any, or any length), or raise."""
     try:
         result = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         message = f"{name} is not an array of numbers: {value!r}"
         raise ValueError(message) from error
-    fits = result.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(result.shape, shape, strict=True)
-    )
-    if not fits:
-        wanted = tuple("any" if n is None else n for n in shape)
-        message = f"{name} has shape {result.shape}; expected {wanted}"
-        raise ValueError(message)
+    if shape is not None:
+        _check_shape(name, result.shape, shape)
     if not np.isfinite(result).all():
         where = tuple(int(k) for k in np.argwhere(~np.isfinite(result))[0])
         message = f"{name}{list(where)} = {result[where]} is not finite"
         raise ValueError(message)
     return result
+
+
+def _check_shape(name: str, found: tuple[int, ...], shape: tuple[int | None, ...]) -> None:
+    """Raise ValueError unless the shape found is the one wanted (None: any length)."""
+    fits = len(found) == len(shape) and all(
+        want is None or have == want for have, want in zip(found, shape, strict=True)
+    )
+    if not fits:
+        wanted = tuple("any" if n is None else n for n in shape)
+        message = f"{name} has shape {found}; expected {wanted}"
+        raise ValueError(message)
 
 
 def text(name: str, value: Any) -> None:
@@ -155,4 +161,4 @@ def unique(name: str, values: Iterable[str]) -> None:
 
 
 def _listed(values: Iterable[Any]) -> str:
-    return ", ".join(repr(value) for value in values)
+    return ", ".join(repr(value) for value in values) or "none"

@@ -29,8 +29,10 @@ from morphosim.runs.views import FullFields, axes, block, contacts, read_labels,
 
 if TYPE_CHECKING:
     import networkx as nx
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from morphosim.pictures.painter import Panel
     from morphosim.pictures.show import Page
 
 MOST_NEAR_NAMES = 8
@@ -211,6 +213,14 @@ class MorphoAccessor:
         from morphosim.pictures.plot import plot
 
         return plot(self._run, time, **options)
+
+    def draw(
+        self, ax: "Axes", time: float | None = None, view: Any = "z", **options: Any
+    ) -> "Panel":
+        """Draw the cells in the axes of a figure, see `morphosim.pictures.plot.draw`."""
+        from morphosim.pictures.plot import draw
+
+        return draw(ax, self._run, time, view, **options)
 
     def film(self, path: str | Path, **options: Any) -> None:
         """Film of the cells, see `morphosim.pictures.film.film`."""

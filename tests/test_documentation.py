@@ -7,10 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from morphosim import Simulation, load_scene, scene_names
+import morphosim
+from morphosim import Simulation, export, load_scene, scene_names
+from morphosim.exports.formats import FORMATS
+from morphosim.geometry.confinement import CONFINEMENTS
+from morphosim.geometry.shapes import SHAPES, Point
+from morphosim.scene.ends import ENDS
+from morphosim.scene.events import EVENTS
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PROTOCOLS = (ROOT / "docs" / "protocols.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -43,3 +50,34 @@ def test_two_cells_says_the_same_in_python_and_toml(capsys: pytest.CaptureFixtur
     simulation.run(until=script["simulation"].time)
     np.testing.assert_array_equal(simulation.volumes, script["simulation"].volumes)
     np.testing.assert_array_equal(simulation.centroids, script["simulation"].centroids)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*PAGES, *sorted((ROOT / "examples").glob("*.[pi][yp]*"))],
+    ids=lambda path: path.name,
+)
+def test_what_users_read_imports_public_names_only(path: Path) -> None:
+    text = path.read_text(encoding="utf-8").replace("\\n", "\n")
+    assert re.findall(r"(?:from|import) morphosim\.\S+", text) == []
+    for names in re.findall(r"from morphosim import (\([^)]*\)|[^\n`\"]*)", text):
+        for name in re.findall(r"\w+", names):
+            assert name in morphosim.__all__, name
+
+
+@pytest.mark.parametrize(
+    ("text", "kinds"),
+    [(README, CONFINEMENTS), (README, SHAPES), (PROTOCOLS, ENDS), (PROTOCOLS, EVENTS)],
+)
+def test_documents_name_every_kind_of_a_scene_file(text: str, kinds: dict[str, type]) -> None:
+    for cls in kinds.values():
+        if cls not in (type(None), Point):  # said as "none" and as "a point"
+            assert f"`{cls.__name__}" in text
+            assert cls.__name__ in morphosim.__all__
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_documents_name_every_format_of_an_export(name: str) -> None:
+    assert re.search(rf"morphosim export .*\b{name}`", README)
+    assert export.__doc__ is not None
+    assert f'"{name}"' in export.__doc__

@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from morphosim import EllipsoidShell, Numerics, Simulation, built_in_scene, load_scene, save_scene
+from morphosim import (
+    Duration,
+    EllipsoidShell,
+    Numerics,
+    Simulation,
+    built_in_scene,
+    load_scene,
+    save_scene,
+)
 from morphosim.cli import app
 from morphosim.importers.lineage import read_lineage
-from morphosim.importers.lineage.scene import embryo
+from morphosim.importers.lineage.scene import lineage_scene
 from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
-from morphosim.scene.stages import Duration
 
 SPECIES = """name,parent,volume_um3,axis_x,axis_y,axis_z,group
 egg,,3000,1,0,0,1
@@ -53,7 +60,7 @@ def test_any_lineage_table_makes_a_scene(tmp_path: Path) -> None:
     (tmp_path / "species.csv").write_text(SPECIES, encoding="utf-8")
     lineage = read_lineage(tmp_path / "species.csv")
     shell = EllipsoidShell(center=(0, 0, 0), semi_axes=(12, 9, 9))
-    scene = embryo(
+    scene = lineage_scene(
         lineage, shell, (0, 0, 0), end=Duration(30.0), numerics=Numerics(threads=1),
     )  # fmt: skip
     simulation = Simulation(scene)

@@ -5,8 +5,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from morphosim import Attraction, Cell, Numerics, Physics, Scene, Simulation, Sphere
-from morphosim.scene.events import CellChange, Differentiation, Division, PhysicsChange, Removal
+from morphosim import (
+    Attraction,
+    Cell,
+    CellChange,
+    Differentiation,
+    Division,
+    Numerics,
+    Physics,
+    PhysicsChange,
+    Removal,
+    Scene,
+    Simulation,
+    Sphere,
+)
 
 
 def ball(name: str, x: float = 0.0, radius: float = 5.0, **options: Any) -> Cell:

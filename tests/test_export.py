@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import tifffile
 
-from morphosim.exports import export
+from morphosim import export
 from morphosim.exports.stl import TRIANGLE, file_names
 from morphosim.measure.surfaces import cell_surface
 

@@ -12,8 +12,8 @@ import openpyxl
 import pytest
 from scipy.io import savemat
 
+from morphosim import Field, Mask
 from morphosim.geometry.eggshell import EGGSHELL
-from morphosim.geometry.shapes import Field, Mask
 from morphosim.importers.matlab.scene import import_matlab
 from morphosim.physics.parameters import Physics
 

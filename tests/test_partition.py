@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.geometry.confinement import EllipsoidShell
+from morphosim import EllipsoidShell
 from morphosim.geometry.power_partition import PowerPartition, power_partition
 
 A = 28.2846

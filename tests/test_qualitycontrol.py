@@ -11,17 +11,16 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from morphosim.importers.lineage import contact_areas, contacts
-from morphosim.library.celegans.quality_control import (
+from morphosim.importers.lineage import celegans_contact_areas, celegans_contacts
+from morphosim.library.celegans.quality_checks import (
     EIGHT,
     FIVE_PAIRS,
     FOUR,
     SEVEN,
     SIX,
-    Criterion,
     plane_distance,
-    quality_control,
 )
+from morphosim.library.celegans.quality_control import Criterion, quality_control
 from morphosim.library.celegans.quality_report import report_text, to_json
 
 NAMES = ["P0", "AB", "P1", *FOUR[:3], "P2", *SIX[:4], "MS", "E", "C", "P3"]
@@ -53,7 +52,7 @@ class State:
 
 def four(stage: str, time: float, scale: float, ems_p2: float) -> State:
     """Four cells with their contacts, areas a multiple of those of experiment."""
-    areas = {pair: scale * area for pair, area in contact_areas().items()}
+    areas = {pair: scale * area for pair, area in celegans_contact_areas().items()}
     areas["EMS", "P2"] *= ems_p2 / scale
     places = {"ABa": (10, 20, 15), "P2": (50, 20, 15), "ABp": (32, 28, 15), "EMS": (32, 12, 15)}
     return State(stage, time, FOUR, frozenset(FIVE_PAIRS), areas, places)
@@ -61,7 +60,9 @@ def four(stage: str, time: float, scale: float, ems_p2: float) -> State:
 
 def as_listed(stage: str, time: float, cells: tuple[str, ...]) -> State:
     """Cells with the contacts that the table lists."""
-    touch = frozenset(p for p, status in contacts(len(cells)).items() if status == "contact")
+    touch = frozenset(
+        p for p, status in celegans_contacts(len(cells)).items() if status == "contact"
+    )
     places = {name: (8 * (k % 4), 8 * (k // 4), 3 * (-1) ** k) for k, name in enumerate(cells)}
     return State(stage, time, cells, touch, {}, places)
 
@@ -158,7 +159,7 @@ def test_wrong_contacts_are_named(count: int, touching: Pair, apart: Pair) -> No
     assert name == f"{'FGH'[count - 6]} {stage}: contact map"
     assert "-".join(touching) + " touch, over 7.5 um2" in note
     assert "-".join(apart) + " do not touch: " in note
-    of = sum(status != "uncertain" for status in contacts(count).values())
+    of = sum(status != "uncertain" for status in celegans_contacts(count).values())
     assert judged(states)[f"{stage}: contact map"].values == {"as_listed": of - 2, "of": of}
 
 
@@ -193,7 +194,7 @@ def test_axes(axis: str, cell: str, other: str, degrees: float, note: str | None
 
 def test_areas_without_attraction_must_be_too_small() -> None:
     states = changed(
-        "4-cell, no attraction", areas={p: 1.02 * a for p, a in contact_areas().items()}
+        "4-cell, no attraction", areas={p: 1.02 * a for p, a in celegans_contact_areas().items()}
     )
     found = failed(states)
     assert found.pop("C 4-cell, no attraction: areas too small") == (

@@ -255,6 +255,20 @@ def test_built_in_scenes_load_under_their_names() -> None:
     assert built_in_scene("single-cell", {"numerics.dt": 0.5}).numerics.dt == 0.5
 
 
+@pytest.mark.parametrize("name", scene_names())
+def test_overrides_of_a_built_in_scene_are_those_of_its_file(name: str, tmp_path: Path) -> None:
+    save_scene(built_in_scene(name), tmp_path / "scene.toml")
+    for overrides in (
+        {"duration": 7, "physics.gamma": 0.3, "numerics.dt": 0.5, "numerics.order": 4},
+        {"numerics.preset": "draft", "physics.sigma": {"default": 0.25}},
+        {"confinement": {"kind": "box", "lower": [-90] * 3, "upper": [90] * 3}, "name": "x"},
+    ):
+        wanted = load_scene(tmp_path / "scene.toml", overrides)
+        assert same(with_volumes(built_in_scene(name, overrides)), wanted)
+    with pytest.raises(ValueError, match="key of physics = 'gama'"):
+        built_in_scene(name, {"physics.gama": 1})
+
+
 def test_built_in_embryos_differ_in_one_attraction() -> None:
     weak, strong = built_in_scene("celegans-8"), built_in_scene("celegans-8-strong")
     a, b = (s.physics.attraction.matrix(s.names) for s in (weak, strong))

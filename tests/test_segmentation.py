@@ -10,8 +10,7 @@ import pytest
 import tifffile
 import xarray as xr
 
-from morphosim.geometry.confinement import EllipsoidShell, MaskWalls
-from morphosim.geometry.shapes import Sphere
+from morphosim import Division, Duration, EllipsoidShell, MaskWalls, Sphere, Stage
 from morphosim.importers.labels.image_file import read_labels
 from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
 from morphosim.importers.labels.resampling import walls_around
@@ -20,10 +19,8 @@ from morphosim.measure.label_image import label_image
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell
-from morphosim.scene.events import Division
 from morphosim.scene.file import load_scene, save_scene
 from morphosim.scene.scene import Scene
-from morphosim.scene.stages import Duration, Stage
 from morphosim.simulation.relaxation import relaxed
 from morphosim.simulation.simulation import Simulation
 

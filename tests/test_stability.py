@@ -11,20 +11,21 @@ from morphosim import (
     Cell,
     CellVanishedError,
     DivergenceError,
+    Division,
+    Duration,
     Numerics,
     Physics,
     Scene,
     Simulation,
     Sphere,
     StabilityWarning,
+    Stage,
     VolumeCourse,
     built_in_scene,
     scene_names,
 )
 from morphosim.scene import stability
-from morphosim.scene.events import Division
 from morphosim.scene.stability import concerns, explicit_rates
-from morphosim.scene.stages import Duration, Stage
 
 from .helpers import EXPECTED_TO_FAIL
 

@@ -9,18 +9,26 @@ import pytest
 from morphosim import (
     Attraction,
     Cell,
+    CellChange,
+    Differentiation,
+    Division,
+    Duration,
     Numerics,
     Physics,
+    PhysicsChange,
+    QuasiSteady,
+    Removal,
     RunWriter,
     Scene,
     Simulation,
     Sphere,
+    Stage,
+    Steady,
+    When,
     load_scene,
     open_run,
     save_scene,
 )
-from morphosim.scene.events import CellChange, Differentiation, Division, PhysicsChange, Removal
-from morphosim.scene.stages import Duration, QuasiSteady, Stage, Steady, When
 
 DIVISION = Division(cell="m", daughters=("a", "b"), axis=(1, 0, 0), fraction=0.55)
 

@@ -11,12 +11,15 @@ from typer.testing import CliRunner
 from morphosim import (
     Attraction,
     Cell,
+    Differentiation,
+    Duration,
     Numerics,
     Physics,
     RunWriter,
     Scene,
     Simulation,
     Sphere,
+    Stage,
     built_in_scene,
     load_scene,
     open_run,
@@ -24,8 +27,6 @@ from morphosim import (
 )
 from morphosim.cli import app
 from morphosim.library.synnotch import DURATION, SCENES
-from morphosim.scene.events import Differentiation
-from morphosim.scene.stages import Duration, Stage
 
 TABLE_2 = {
     "asymmetric-3": ({"R": 80, "G": 40}, {("R", "R"): 0.9, ("R", "G"): 0.5, ("G", "G"): 0.9}),

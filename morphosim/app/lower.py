@@ -13,6 +13,7 @@ from morphosim.app.processes import Desk, Job, JobError, Stopped, words_of
 from morphosim.app.routes import Streams
 from morphosim.app.store import Store
 from morphosim.app.worker import warm_up
+from morphosim.exports.formats import FORMATS
 from morphosim.pictures.colours import BY
 
 if TYPE_CHECKING:
@@ -20,17 +21,13 @@ if TYPE_CHECKING:
 
 MOST_SAVES = 60
 """Saves of a run that the view holds; of more, so many evenly spread ones."""
-FORMATS = {
-    "csv": "tables (CSV)", "vtk": "ParaView (VTK)", "stl": "surfaces (STL)",
-    "ome-tiff": "label images (OME-TIFF)",
-}  # fmt: skip
 
 STATE = {
     "runs": [], "look_name": "", "opened": "", "opening": False, "look_error": "", "about": "",
     "can_resume": False, "run_stream": {"key": "", "count": 0}, "times": [], "run_index": -1,
     "run_cells": [], "run_cell": None, "figures": [], "history": "", "matrix": "",
     "colour_by": "cell", "colours": list(BY), "mirror": False, "format": "csv",
-    "formats": [{"value": key, "title": title} for key, title in FORMATS.items()],
+    "formats": [{"value": key, "title": form.title} for key, form in FORMATS.items()],
     "making": "", "made": [], "look_first_picture": 0.0,
 }  # fmt: skip
 """What the lower half shows at first."""
@@ -228,7 +225,7 @@ class Lower:
     async def make_data(self) -> None:
         """Write the run for other programs."""
         to = self._state.format
-        await self._make(FORMATS[to], tasks.table, f"{self._state.opened}-{to}", to=to)
+        await self._make(FORMATS[to].title, tasks.table, f"{self._state.opened}-{to}", to=to)
 
     def break_off(self) -> None:
         """Break off what is being made."""

@@ -191,13 +191,6 @@ def serve(
     ------
     FileNotFoundError
         The folder does not exist.
-    ImportError
-        trame is not installed.
     """
     store = Store(Path(folder))
-    try:
-        import trame_vuetify  # noqa: F401
-    except ImportError as error:
-        message = "the application needs trame; try: pip install 'morphosim[app]'"
-        raise ImportError(message) from error
     Application(store, Access.of_host(host, token)).serve(host, port, tell, open_browser)

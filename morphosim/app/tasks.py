@@ -36,7 +36,7 @@ def film(channel: Channel, run: Path, target: Path, by: str, mirror: bool) -> No
 
 def table(channel: Channel, run: Path, target: Path, to: str) -> int:
     """Files of a run for other programs; returns their number."""
-    from morphosim.exports import export
+    from morphosim.exports.export import export
 
     with open_run(run) as data:
         return len(export(data, target, to, tell=_teller(channel)))

@@ -7,6 +7,10 @@ from typing import Annotated
 import typer
 
 from morphosim.cli.app import app
+from morphosim.exports.formats import FORMATS
+
+EXPORTS = ", ".join(f"{name}: {form.title}" for name, form in FORMATS.items())
+ONLY_LAST = ", ".join(name for name, form in FORMATS.items() if form.last_only)
 
 
 @app.command()
@@ -81,19 +85,19 @@ def pack(
 @app.command()
 def export(
     directory: Annotated[Path, typer.Argument(help="directory or packed file of a run")],
-    to: Annotated[str, typer.Option(help="vtk (ParaView), stl, ome-tiff or csv")],
+    to: Annotated[str, typer.Option(help=EXPORTS)],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", help="directory to write; by default RUN-FORMAT"),
     ] = None,
     time: Annotated[
         list[float] | None,
-        typer.Option(help="nearest save; repeatable; by default all, for stl the last"),
+        typer.Option(help=f"nearest save; repeatable; by default all, for {ONLY_LAST} the last"),
     ] = None,
 ) -> None:
     """Write a run for other programs: surfaces, label images or tables, in um."""
     from morphosim.accessor import open_run
-    from morphosim.exports import export as write
+    from morphosim.exports.export import export as write
     from morphosim.progress import progress_line
 
     place = directory.resolve()

@@ -109,11 +109,11 @@ def import_lineage(
     """Turn a lineage table into a scene: an embryo from its first cell on, group after group."""
     from morphosim.geometry.confinement import EllipsoidShell
     from morphosim.importers.lineage import read_lineage
-    from morphosim.importers.lineage.scene import embryo
+    from morphosim.importers.lineage.scene import lineage_scene
     from morphosim.scene.file import save_scene
 
     walls = EllipsoidShell(center=(0, 0, 0), semi_axes=shell, cut=(float("inf"),) * 2 + (cut,))
-    scene = embryo(
+    scene = lineage_scene(
         read_lineage(table), walls, (0, 0, 0), groups=groups, limit=limit, name=table.stem
     )
     output.mkdir(parents=True, exist_ok=True)

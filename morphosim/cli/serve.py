@@ -25,11 +25,10 @@ def application(
     ] = False,
 ) -> None:
     """Simulate and look at runs in the browser."""
-    try:
-        from morphosim.app.server import serve
-    except ImportError as error:
-        message = f"the application needs {error.name}; try: pip install 'morphosim[app]'"
-        raise ImportError(message) from error
+    from morphosim._extras import need
+
+    need("trame_vuetify", "the application", "app")
+    from morphosim.app.server import serve
 
     def tell(address: str) -> None:
         typer.echo(f"MorphoSim: {address}")

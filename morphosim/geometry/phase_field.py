@@ -39,15 +39,35 @@ def lattice_field(
         origin, phi = _from_field(shape, spacing)
     else:
         origin, phi = _from_depth(shape, scale, spacing)
+    check_resolved(
+        phi, spacing, f"cell {name!r}: its start field",
+        "make the shape larger, the spacing finer, or a mask's smoothing smaller",
+    )  # fmt: skip
+    return origin, phi
+
+
+def check_resolved(phi: NDArray[np.floating], spacing: float, what: str, advice: str) -> None:
+    """Raise ValueError if a field exceeds 1/2 at fewer points than a cell needs.
+
+    Parameters
+    ----------
+    phi : (nx, ny, nz)
+    spacing : float, µm
+    what : whose field it is: the subject of the error
+    advice : what to try
+    """
     points = np.count_nonzero(phi > 0.5)
     if points < LEAST_POINTS:
         message = (
-            f"cell {name!r}: its start field exceeds 0.5 at {points} points of a lattice of "
-            f"{spacing:g} µm, at least {LEAST_POINTS} are needed; make the shape larger, the "
-            "spacing finer, or a mask's smoothing smaller"
+            f"{what} exceeds 0.5 at {points} points of a lattice of {spacing:g} µm, at least "
+            f"{LEAST_POINTS} are needed; {advice}"
         )
         raise ValueError(message)
-    return origin, phi
+
+
+def least_volume(spacing: float) -> float:
+    """Volume in µm³ that a cell needs on a lattice of this spacing, µm."""
+    return LEAST_POINTS * spacing**3
 
 
 def _axes(low: Floats, high: Floats, spacing: float) -> tuple[NDArray[np.int64], list[Floats]]:

@@ -4,13 +4,12 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from morphosim import _validate
 from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
 from morphosim.library.synnotch import SCENES as RANDOM
-from morphosim.scene.file import load_scene, save_scene
+from morphosim.scene.file import load_scene, overridden
 from morphosim.scene.scene import Scene
 
 _FOLDER = files("morphosim.library.data")
@@ -35,21 +34,13 @@ def built_in_scene(name: str, overrides: Mapping[str, Any] | None = None) -> Sce
     """
     _validate.choice("scene", name, scene_names())
     if name in MADE:
-        return _made(MADE[name](), overrides)
-    if name in RANDOM:
-        return _made(RANDOM[name]((overrides or {}).get("numerics.seed", 0)), overrides)
-    with as_file(_FOLDER / f"{name}.toml") as path:
-        return load_scene(path, overrides)
-
-
-def _made(scene: Scene, overrides: Mapping[str, Any] | None) -> Scene:
-    """Scene with values replaced as those of a file are."""
-    if not overrides:
-        return scene
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "scene.toml"
-        save_scene(scene, path)
-        return load_scene(path, overrides)
+        scene = MADE[name]()
+    elif name in RANDOM:
+        scene = RANDOM[name]((overrides or {}).get("numerics.seed", 0))
+    else:
+        with as_file(_FOLDER / f"{name}.toml") as path:
+            return load_scene(path, overrides)
+    return overridden(scene, overrides) if overrides else scene
 
 
 def find_scene(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> Scene:

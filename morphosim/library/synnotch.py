@@ -10,10 +10,11 @@ from morphosim.geometry.confinement import BoxWalls
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.attraction import Attraction
 from morphosim.physics.parameters import Physics
+from morphosim.scene.ends import Duration
 from morphosim.scene.events import Differentiation, Removal
 from morphosim.scene.random_packing import packed_cells
 from morphosim.scene.scene import Scene
-from morphosim.scene.stages import Duration, Stage
+from morphosim.scene.stages import Stage
 
 RADIUS = 5.0
 """R of the cells at the start, µm."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from morphosim.pictures.camera import Camera
 from morphosim.pictures.colours import Colouring, Scale
-from morphosim.pictures.labels import Label, place_labels
+from morphosim.pictures.name_tags import NameTag, place_names
 from morphosim.pictures.painter import Panel
 from morphosim.pictures.palettes import RGB
 
@@ -61,17 +61,17 @@ def show_panel(ax: Axes, panel: Panel) -> None:
 def write_names(ax: Axes, panel: Panel) -> None:
     """Names on the cells, none over another."""
     measure = _measure(_dpi(ax))
-    for label in place_labels(panel, measure):
-        colour = ink(panel, label, measure(label.name, label.size))
+    for tag in place_names(panel, measure):
+        colour = ink(panel, tag, measure(tag.name, tag.size))
         ax.text(
-            label.column, label.row, label.name, fontsize=label.size, color=colour,
+            tag.column, tag.row, tag.name, fontsize=tag.size, color=colour,
             ha="center", va="center_baseline", clip_on=True, parse_math=False,
         )  # fmt: skip
 
 
-def ink(panel: Panel, label: Label, size: tuple[int, int]) -> str:
-    """Black or white, whichever is better read where a label of this size (pixels) goes."""
-    top, left = int(label.row - size[1] / 2), int(label.column - size[0] / 2)
+def ink(panel: Panel, tag: NameTag, size: tuple[int, int]) -> str:
+    """Black or white, whichever is better read where a tag of this size (pixels) goes."""
+    top, left = int(tag.row - size[1] / 2), int(tag.column - size[0] / 2)
     ground = panel.image[max(top, 0) : top + size[1], max(left, 0) : left + size[0]]
     return "black" if ground.mean(axis=(0, 1)) @ LUMINANCE > BRIGHT * 255 else "white"
 
@@ -162,7 +162,7 @@ def _colour_bar(ax: Axes, scale: Scale, title: str) -> None:
 
 
 def _measure(dpi: float) -> Any:
-    """Function that measures texts for a resolution, see `labels.Measure`."""
+    """Function that measures texts for a resolution, see `name_tags.Measure`."""
 
     def measure(text: str, size: float) -> tuple[int, int]:
         font = FontProperties(size=size)

@@ -155,7 +155,7 @@ def camera(
         wide, high = extent(given, view)
         room = max(width - rim, 1), max(height - rim - foot, 1)
         scale = max(wide / room[0], high / room[1], 1e-9)
-    frame = np.stack([right, up, np.cross(right, up)])
-    seen = given @ frame.T
+    basis = np.stack([right, up, np.cross(right, up)])
+    seen = given @ basis.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2 - (0, foot / 2 * scale, 0)
-    return Camera(right, up, middle @ frame, scale, (width, height))
+    return Camera(right, up, middle @ basis, scale, (width, height))

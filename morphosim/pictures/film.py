@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import View, directions, swept, turned
-from morphosim.pictures.needs import need
 from morphosim.pictures.plot import draw_sight
 from morphosim.pictures.sight import (
     Sight,
@@ -104,9 +104,9 @@ def film(
         The film cannot be written, or the system has no library to draw with.
     """
     target = writable(path, FORMATS)
-    need("matplotlib", "a film")
+    need("matplotlib", "a film", "pictures")
     if target.suffix.lower() == ".mp4":
-        need("imageio_ffmpeg", "a film")
+        need("imageio_ffmpeg", "a film", "pictures")
     fps = _validate.number("fps", fps, above=0)
     turn = _validate.number("turn", turn)
     if turn:
@@ -196,7 +196,7 @@ def _told(frames: Iterable[Pixels], count: int, tell: Tell | None) -> Iterator[P
 
 
 def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps: float) -> None:
-    ffmpeg = need("imageio_ffmpeg", "a film")
+    ffmpeg = need("imageio_ffmpeg", "a film", "pictures")
     sent = 0
     writer = ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", pix_fmt_out="yuv420p", quality=QUALITY,

@@ -1,10 +1,10 @@
 """Which founder each cell of a run stems from."""
 
 import re
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from morphosim.runs.saved_fields import variable
+from morphosim.scene.cell import ancestors
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,12 +27,5 @@ def founders(run: "xr.Dataset") -> dict[str, str]:
     else:
         parents = variable(run, "parent", "cell").values.astype(str)
         mothers = dict(zip(names, parents.tolist(), strict=True))
-        found = [_root(name, mothers) for name in names]
+        found = [[name, *ancestors(name, mothers)][-1] for name in names]
     return dict(zip(names, found, strict=True))
-
-
-def _root(name: str, mothers: Mapping[str, str]) -> str:
-    """First ancestor of a cell."""
-    while mothers.get(name):
-        name = mothers[name]
-    return name

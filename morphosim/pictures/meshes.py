@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
+from morphosim._extras import need
 from morphosim.cell_field import CellField
 from morphosim.measure.surfaces import cell_surface
-from morphosim.pictures.needs import need
 from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def reduced(mesh: CellMesh, triangles: int) -> CellMesh:
     _validate.integer("triangles", triangles, least=4)
     if len(mesh.faces) <= triangles:
         return mesh
-    poly_data = need("pyvista", "a mesh of fewer triangles").PolyData
+    poly_data = need("pyvista", "a mesh of fewer triangles", "pictures").PolyData
     surface = poly_data.from_regular_faces(mesh.vertices, mesh.faces)
     surface = surface.clean(
         tolerance=POINT, absolute=True, polys_to_lines=False, lines_to_points=False

@@ -1,27 +1,13 @@
-"""Packages and libraries that pictures take and a plain installation lacks."""
+"""Libraries of the system that pictures take."""
 
 import ctypes
 import os
 import sys
-from importlib import import_module
-from typing import Any
 
 OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 """Any of these lets VTK draw without a display, on Linux."""
 ON_SCREEN = "libGL.so.1"
 """This does so where there is a display."""
-
-
-def need(package: str, what: str) -> Any:
-    """Import a package, or raise ImportError that says what needs it and how to install it."""
-    try:
-        return import_module(package)
-    except ImportError as error:
-        message = (
-            f"{what} needs the package {package.partition('.')[0]}; "
-            "try: pip install 'morphosim[pictures]'"
-        )
-        raise ImportError(message) from error
 
 
 def need_drawing() -> None:

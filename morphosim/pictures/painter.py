@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._extras import need
 from morphosim.pictures.camera import Camera
 from morphosim.pictures.meshes import CellMesh
-from morphosim.pictures.needs import need, need_drawing
+from morphosim.pictures.needs import need_drawing
 from morphosim.pictures.palettes import RGB
 
 FINER = 2
@@ -41,7 +42,7 @@ class Panel:
     seen : (H, W) int32
         Place in `names` of the cell at each pixel; -1 where there is none.
     names : of the cells
-    frames : (N,)
+    rectangles : (N,)
         Pixels of the rectangle around each cell, as if no other hid it.
     camera : Camera
     """
@@ -49,7 +50,7 @@ class Panel:
     image: NDArray[np.uint8]
     seen: NDArray[np.int32]
     names: Sequence[str]
-    frames: NDArray[np.float64]
+    rectangles: NDArray[np.float64]
     camera: Camera
 
 
@@ -65,7 +66,7 @@ class Painter(AbstractContextManager["Painter"]):
     """
 
     def __init__(self) -> None:
-        self._pv = need("pyvista", "a picture")
+        self._pv = need("pyvista", "a picture", "pictures")
         need_drawing()
         with _quiet():
             self._plotter = self._pv.Plotter(off_screen=True, lighting="none")
@@ -122,8 +123,8 @@ class Painter(AbstractContextManager["Painter"]):
         if self._shell is not None:
             outside = self._shot(self._outline)[..., 0] > 127  # white there
             _darken(image, _rims(outside) & (seen < 0), SHELL_LINE)
-        frames = np.array([_frame(camera.pixels(mesh.vertices)) for mesh in self._meshes])
-        return Panel(_coarser(image), seen[::FINER, ::FINER], self._names, frames, camera)
+        rectangles = np.array([_rectangle(camera.pixels(mesh.vertices)) for mesh in self._meshes])
+        return Panel(_coarser(image), seen[::FINER, ::FINER], self._names, rectangles, camera)
 
     def _load_cells(self, meshes: Sequence[CellMesh], colours: Mapping[str, RGB]) -> None:
         """One mesh of all cells, drawn in their colours and, on demand, in their numbers."""
@@ -176,7 +177,7 @@ class Painter(AbstractContextManager["Painter"]):
         window = self._plotter.render_window
         window.Render()
         width, height = window.GetSize()
-        pixels = need("vtkmodules.vtkCommonCore", "a picture").vtkUnsignedCharArray()
+        pixels = need("vtkmodules.vtkCommonCore", "a picture", "pictures").vtkUnsignedCharArray()
         window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, pixels)
         return np.array(pixels).reshape(height, width, 4)[::-1]
 
@@ -193,7 +194,7 @@ class Painter(AbstractContextManager["Painter"]):
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep VTK from remarking that there is no display, which it then does without."""
-    logger = need("vtkmodules.vtkCommonCore", "a picture").vtkLogger
+    logger = need("vtkmodules.vtkCommonCore", "a picture", "pictures").vtkLogger
     before = logger.GetCurrentVerbosityCutoff()
     logger.SetStderrVerbosity(logger.VERBOSITY_ERROR)
     try:
@@ -202,7 +203,7 @@ def _quiet() -> Iterator[None]:
         logger.SetStderrVerbosity(before)
 
 
-def _frame(points: NDArray[np.float64]) -> float:
+def _rectangle(points: NDArray[np.float64]) -> float:
     """Area of the rectangle around points (N, 2)."""
     return float(np.prod(points.max(axis=0) - points.min(axis=0)))
 

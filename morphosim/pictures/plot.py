@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import THREE, VIEWS, View, camera, directions
 from morphosim.pictures.layout import Layout, layout
-from morphosim.pictures.needs import need
 from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
 from morphosim.runs.saved_fields import time_index
 
@@ -95,7 +95,7 @@ def plot(
     for name, flag in (("names", names), ("shell", shell), ("matrix", matrix)):
         _validate.flag(name, flag)
     target = None if path is None else writable(path, FORMATS)
-    need("matplotlib", "a figure")
+    need("matplotlib", "a figure", "pictures")
     from morphosim.pictures.matrix import contact_matrix
 
     around = surroundings(run, mirror) if shell else Surroundings()
@@ -148,7 +148,7 @@ def draw(
     """
     from morphosim.pictures.painter import Painter
 
-    need("matplotlib", "a figure")
+    need("matplotlib", "a figure", "pictures")
     box = None if bounds is None else checked_bounds(bounds, mirror)
     around = surroundings(run, mirror) if shell else Surroundings()
     seen = sight(run, time, by, colours, mirror, around)

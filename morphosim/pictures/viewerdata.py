@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphosim import _validate
+from morphosim._extras import need
 from morphosim.pictures.colours import BY, TITLES, Scale, cell_colours, living, type_colours
 from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
 from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
-from morphosim.pictures.needs import need
 from morphosim.pictures.palettes import hexed
 from morphosim.progress import Tell
 from morphosim.runs.saved_fields import save_count, time_index, variable
@@ -66,7 +66,7 @@ def run_data(
     ImportError
         PyVista is not installed.
     """
-    need("pyvista", "the viewer")
+    need("pyvista", "the viewer", "pictures")
     saves = _saves(run, times)
     figures = run.drop_vars(LARGE, errors="ignore").load()
     confinement = run_confinement(run)
@@ -112,7 +112,7 @@ def frame(
     triangles : int
         Most triangles of a cell.
     """
-    need("pyvista", "the viewer")
+    need("pyvista", "the viewer", "pictures")
     triangles = min(_validate.integer("triangles", triangles, least=4), MOST_TRIANGLES)
     names = [mesh.name for mesh in meshes]
     known = [(figures or {}).get(name, {}) for name in names]

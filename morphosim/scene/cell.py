@@ -1,6 +1,6 @@
 """A cell at the start of a scene."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,6 +105,14 @@ def check_values(name: str, values: Mapping[str, Any]) -> None:
         _validate.flag(f"cell {name!r}: frozen", values["frozen"])
     if values.get("gamma") is not None:
         _validate.number(f"cell {name!r}: gamma", values["gamma"], above=0)
+
+
+def ancestors(name: str, mothers: Mapping[str, str]) -> Iterator[str]:
+    """Mother of a cell, her mother, and so on; it ends where mothers go round in a circle."""
+    seen = {name}
+    while (name := mothers.get(name, "")) and name not in seen:
+        seen.add(name)
+        yield name
 
 
 def tensions(cells: Iterable[Cell], physics: Physics) -> list[float]:

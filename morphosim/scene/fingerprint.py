@@ -6,11 +6,14 @@ from hashlib import sha256
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from morphosim.scene.file import CONFINEMENTS, _typed_table
+from morphosim.geometry.confinement import CONFINEMENTS
+from morphosim.scene.arrays import set_apart
+from morphosim.scene.kinds import table_of
 from morphosim.scene.scene import Scene
 from morphosim.scene.stage_tables import stage_table
-from morphosim.scene.tables import numerics_table, physics_said, physics_table, plain
+from morphosim.scene.tables import numerics_table, physics_table, plain
 
 
 def settings(scene: Scene) -> dict[str, Any]:
@@ -22,19 +25,20 @@ def settings(scene: Scene) -> dict[str, Any]:
     del numerics["threads"]
     said: dict[str, Any] = {"on_vanish": scene.on_vanish}
     with suppress(ValueError, TypeError):
-        arrays: dict[str, np.ndarray] = {}
         walls = scene.confinement
-        table = walls and _typed_table(walls, CONFINEMENTS, arrays, "", "confinement")
-        said["confinement"] = _digest(table, *arrays.values())
+        table = walls and table_of(walls, CONFINEMENTS, "confinement")
+        said["confinement"] = _digest(table, "confinement")
     for k, stage in enumerate(scene.stages):
         with suppress(ValueError, TypeError):
-            said[f"stages[{k}]"] = _digest(stage_table(stage, physics_said))
+            said[f"stages[{k}]"] = _digest(stage_table(stage), "stage")
     return {"physics": physics_table(scene.physics), "numerics": numerics, "scene": said}
 
 
-def _digest(table: Any, *arrays: np.ndarray) -> str:
+def _digest(table: Any, key: str) -> str:
     """Text that is another one if any value is."""
-    found = sha256(json.dumps(plain(table), sort_keys=True).encode())
-    for array in arrays:
+    arrays: dict[str, NDArray[Any]] = {}
+    text = json.dumps(plain(set_apart(table, "", key, arrays)), sort_keys=True)
+    found = sha256(text.encode())
+    for array in arrays.values():
         found.update(np.ascontiguousarray(array).tobytes())
     return found.hexdigest()[:16]

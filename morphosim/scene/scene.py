@@ -13,7 +13,8 @@ from morphosim.geometry.shapes import Field, PowerCell
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell, tensions
-from morphosim.scene.stages import Duration, Stage
+from morphosim.scene.ends import Duration
+from morphosim.scene.stages import Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
 _PHYSICS = _validate.names_of(Physics)

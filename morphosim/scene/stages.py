@@ -1,16 +1,12 @@
-"""Stages of a protocol: what happens at a stage's start, and when it ends.
+"""Stages of a protocol: what happens at a stage's start, and when it ends."""
 
-Speeds are those of Supplementary Note 1.2: centroids are looked at every FLOOR(10/δt) steps, and v̄
-is the root mean square over cells of the mean speed in between.
-"""
-
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
 
 from morphosim import _validate
+from morphosim.scene.ends import ENDS, End
 from morphosim.scene.events import Event
-from morphosim.scene.target import Target
+from morphosim.scene.target import PhysicsValues
 
 CHECK_TIME = 10.0
 """*In silico* time between two looks at the centroids."""
@@ -19,77 +15,6 @@ CHECK_TIME = 10.0
 def check_interval(dt: float) -> int:
     """Steps between two looks at the centroids: FLOOR(10/δt), at least one."""
     return max(int(CHECK_TIME / dt + 1e-9), 1)
-
-
-class End(Protocol):
-    """When a stage ends.
-
-    `looks_back` says that the state at the check before is what the stage ends with;
-    `every_step` that `reached` is asked after every step and not at checks alone.
-    """
-
-    looks_back: bool
-    every_step: bool
-
-    def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
-        """Whether the stage has ended; `speeds` are v̄ at all checks so far."""
-
-
-@dataclass(frozen=True, slots=True)
-class Duration:
-    """The stage lasts for a time."""
-
-    time: float
-    looks_back = False
-    every_step = True
-
-    def __post_init__(self) -> None:
-        _validate.number("stage: duration", self.time, above=0)
-
-    def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
-        """See `End`."""
-        return elapsed >= self.time - 1e-9
-
-
-@dataclass(frozen=True, slots=True)
-class Steady:
-    """The stage ends when v̄ falls below a speed (Note 1.2: 1e-4 µm per time)."""
-
-    speed: float = 1e-4
-    looks_back = False
-    every_step = False
-
-    def __post_init__(self) -> None:
-        _validate.number("stage: steady speed", self.speed, above=0)
-
-    def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
-        """See `End`."""
-        return bool(speeds) and speeds[-1] < self.speed
-
-
-@dataclass(frozen=True, slots=True)
-class QuasiSteady:
-    """The stage ends at the first local minimum of v̄ (Note 1.3 F, G), with the state there."""
-
-    looks_back = True
-    every_step = False
-
-    def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
-        """See `End`."""
-        return len(speeds) > 2 and speeds[-3] > speeds[-2] <= speeds[-1]
-
-
-@dataclass(frozen=True, slots=True)
-class When:
-    """The stage ends when a condition of the simulation holds, looked at at every check."""
-
-    condition: Callable[[Any], bool]
-    looks_back = False
-    every_step = False
-
-    def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
-        """See `End`."""
-        return bool(self.condition(simulation))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +42,7 @@ class Stage:
     name: str
     end: End
     limit: float | None = None
-    physics: Mapping[str, Any] = field(default_factory=dict)
+    physics: PhysicsValues = field(default_factory=dict)
     events: Sequence[Event] = ()
     rules: Sequence[Event] = ()
     rules_every: float = 100.0
@@ -125,8 +50,8 @@ class Stage:
     def __post_init__(self) -> None:
         _validate.text("stage: name", self.name)
         if not callable(getattr(self.end, "reached", None)):
-            message = f"stage {self.name!r}: end = {self.end!r} is no end; take Duration, Steady, "
-            message += "QuasiSteady or When"
+            known = ", ".join(kind.__name__ for kind in ENDS.values())
+            message = f"stage {self.name!r}: end = {self.end!r} is no end; take one of {known}"
             raise TypeError(message)
         if self.limit is not None:
             _validate.number(f"stage {self.name!r}: limit", self.limit, above=0)

@@ -1,13 +1,16 @@
 """What events, stages and rules may ask of a simulation, and do to it."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim.cell_field import CellField
 from morphosim.physics.parameters import Physics
+
+PhysicsValues = Annotated[Mapping[str, Any], Physics]
+"""Values of `Physics` by name; a field of this type is said in scene files as their physics is."""
 
 
 class LivingCell(Protocol):

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
 from morphosim.cell_field import CellField, centroid
-from morphosim.geometry.phase_field import LEAST_POINTS, profile
+from morphosim.geometry.phase_field import check_resolved, profile
 
 Floats = NDArray[np.float64]
 ACCURACY = 1e-9
@@ -53,7 +53,7 @@ def divided(
     ValueError
         The axis has no direction, the fraction is not between 0 and 1, the names are not two
         different ones, the mother is below 1/2 everywhere, or a daughter would be too small for
-        the lattice: above 1/2 at fewer than `initial.LEAST_POINTS` points.
+        the lattice: above 1/2 at fewer than `phase_field.LEAST_POINTS` points.
 
     Examples
     --------
@@ -77,7 +77,10 @@ def divided(
     first = CellField(names[0], field.origin.copy(), part)
     second = CellField(names[1], field.origin.copy(), phi - part)
     for daughter in (first, second):
-        _check_resolved(where, daughter)
+        check_resolved(
+            daughter.phi, spacing, f"{where}: the field of daughter {daughter.name!r}",
+            "take a fraction nearer to 1/2, a finer spacing, or divide a larger cell",
+        )  # fmt: skip
     return first, second
 
 
@@ -135,15 +138,3 @@ def _plane(phi: NDArray[np.floating], height: Floats, fraction: float, scale: fl
 
     beyond = SATURATED / scale
     return float(brentq(excess, height.min() - beyond, height.max() + beyond, xtol=ACCURACY))
-
-
-def _check_resolved(where: str, daughter: CellField) -> None:
-    """Raise ValueError if a daughter has too few points inside."""
-    points = np.count_nonzero(daughter.phi > 0.5)
-    if points < LEAST_POINTS:
-        message = (
-            f"{where}: the field of daughter {daughter.name!r} exceeds 0.5 at {points} points, at "
-            f"least {LEAST_POINTS} are needed; take a fraction nearer to 1/2, a finer spacing, or "
-            "divide a larger cell"
-        )
-        raise ValueError(message)

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
+from morphosim._extras import need
 from morphosim.numerics.parameters import Numerics
 from morphosim.sweeps.axes import Member
 
@@ -21,12 +22,7 @@ DEATHS_ALLOWED = 1
 
 def need_dask() -> Any:
     """Import Dask's scheduler, or raise ImportError with what to install."""
-    try:
-        import distributed
-    except ImportError as error:
-        message = "a scan needs the package distributed; try: pip install 'morphosim[sweep]'"
-        raise ImportError(message) from error
-    return distributed
+    return need("distributed", "a scan", "sweep")
 
 
 def shares(members: int, workers: int | None, threads: int | None) -> tuple[int, int]:

@@ -13,14 +13,28 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from morphosim import Attraction, Cell, Numerics, Physics, RunWriter, Scene, Simulation, Sphere
+from morphosim import (
+    Attraction,
+    Cell,
+    CellChange,
+    Differentiation,
+    Division,
+    Duration,
+    EllipsoidShell,
+    Numerics,
+    Physics,
+    QuasiSteady,
+    Removal,
+    RunWriter,
+    Scene,
+    Simulation,
+    Sphere,
+    Stage,
+)
 from morphosim.bench import packed_points
 from morphosim.errors import SimulationError
-from morphosim.geometry.confinement import EllipsoidShell
 from morphosim.mpi.communicator import StoppedError
 from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
-from morphosim.scene.events import CellChange, Differentiation, Division, Removal
-from morphosim.scene.stages import Duration, QuasiSteady, Stage
 
 COMM = MPI.COMM_WORLD
 ALONE = "--alone" in sys.argv

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from morphosim.pictures.colours import cell_colours
+from morphosim.pictures.lineages import founders
 from morphosim.pictures.palettes import GREY, rgb
 
 from .made import PAIR, Ball, all_touch, crowd, made_run
@@ -79,6 +80,12 @@ def test_other_cells_have_the_colour_of_their_first_ancestor() -> None:
     )
     colours = cell_colours(run, by="lineage").colours
     assert colours["left"] == colours["right"] != colours["new"]
+
+
+def test_mothers_that_go_round_in_a_circle_end() -> None:
+    parents = {"own": "own", "one": "two", "two": "three", "three": "one"}
+    run = made_run([dict.fromkeys(parents, Ball(AT))], None, None, parents)
+    assert founders(run) == {"own": "own", "one": "three", "two": "one", "three": "two"}
 
 
 @pytest.mark.parametrize(

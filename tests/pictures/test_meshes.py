@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim import Cell, Mask, Scene, Sphere, save_scene
+from morphosim import BoxWalls, Cell, EllipsoidShell, Mask, Scene, Sphere, save_scene
 from morphosim.cell_field import CellField
-from morphosim.geometry.confinement import BoxWalls, EllipsoidShell
 from morphosim.pictures.meshes import (
     CellMesh,
     cell_meshes,

@@ -11,11 +11,12 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from morphosim.geometry.confinement import BoxWalls, EllipsoidShell
+from morphosim import BoxWalls, EllipsoidShell
+from morphosim.accessor import MorphoAccessor
 from morphosim.pictures import needs, sight
 from morphosim.pictures.camera import MARGIN, View, camera, swept, turned
 from morphosim.pictures.film import film
-from morphosim.pictures.plot import draw, plot, render
+from morphosim.pictures.plot import plot, render
 from morphosim.pictures.show import show
 
 from .made import BOX, GREEN, HIGH, LOW, PAIR, RED, Ball, all_touch, crowd, made_run
@@ -142,7 +143,7 @@ def drawn(run: xr.Dataset, size: float = 4, **options: Any) -> tuple["Figure", "
 
     figure = Figure(figsize=(size, size), dpi=100)
     FigureCanvasAgg(figure)
-    panel = draw(figure.add_axes((0, 0, 1, 1)), run, **options)
+    panel = MorphoAccessor(run).draw(figure.add_axes((0, 0, 1, 1)), **options)
     return figure, panel
 
 

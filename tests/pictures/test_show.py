@@ -4,6 +4,7 @@ import base64
 import gzip
 import io
 import json
+import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,8 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.geometry.confinement import EllipsoidShell
-from morphosim.pictures import viewerdata
+from morphosim import EllipsoidShell
 from morphosim.pictures.meshcode import packed
 from morphosim.pictures.meshes import cell_meshes, shell_mesh
 from morphosim.pictures.show import Page, save_page, show, viewer_page
@@ -561,10 +561,6 @@ def test_notebook_shows_a_frame() -> None:
 
 
 def test_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def absent(package: str, what: str) -> None:
-        message = f"{what} needs {package}"
-        raise ImportError(message)
-
-    monkeypatch.setattr(viewerdata, "need", absent)
-    with pytest.raises(ImportError, match="the viewer needs pyvista"):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ImportError, match=r"the viewer needs the package pyvista; try: .*pictures"):
         run_data(made_run([PAIR]))

@@ -13,20 +13,22 @@ from morphosim import (
     Attraction,
     BoxWalls,
     Cell,
+    CellChange,
     DivergenceError,
+    Division,
+    Duration,
     Numerics,
     Physics,
     RunWriter,
     Scene,
     Simulation,
     Sphere,
+    Stage,
     VolumeCourse,
     load_scene,
     open_run,
 )
 from morphosim.runs.checkpoint import Checkpoint
-from morphosim.scene.events import CellChange, Division
-from morphosim.scene.stages import Duration, Stage
 
 from ..helpers import EXPECTED_TO_FAIL
 

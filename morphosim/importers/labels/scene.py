@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from morphosim import _validate
 from morphosim.geometry.confinement import Confinement
-from morphosim.geometry.phase_field import LEAST_POINTS
+from morphosim.geometry.phase_field import least_volume
 from morphosim.geometry.shapes import Mask
 from morphosim.importers.labels.cell_table import read_cells
 from morphosim.importers.labels.image_file import read_labels
@@ -167,7 +167,7 @@ def _least_voxels(given: int | None, image: LabelImage, spacing: float) -> int:
     """Number of voxels below which a label is refused."""
     if given is not None:
         return _validate.integer("least_voxels", given, least=1)
-    return math.ceil(LEAST_POINTS * spacing**3 / image.voxel - 1e-9)
+    return math.ceil(least_volume(spacing) / image.voxel - 1e-9)
 
 
 def _smoothing(image: LabelImage) -> float:

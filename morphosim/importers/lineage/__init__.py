@@ -1,6 +1,10 @@
 """Lineages: who divides when, along which axis and into which volumes."""
 
-from morphosim.importers.lineage.contacts import CONTACT_STAGES, contact_areas, contacts
+from morphosim.importers.lineage.contacts import (
+    CONTACT_STAGES,
+    celegans_contact_areas,
+    celegans_contacts,
+)
 from morphosim.importers.lineage.table import read_lineage
 from morphosim.importers.lineage.tree import DivisionGroup, Lineage, LineageCell, Split
 
@@ -10,7 +14,7 @@ __all__ = [
     "Lineage",
     "LineageCell",
     "Split",
-    "contact_areas",
-    "contacts",
+    "celegans_contact_areas",
+    "celegans_contacts",
     "read_lineage",
 ]

@@ -10,10 +10,10 @@ from importlib.resources import files
 from morphosim import _validate
 
 CONTACT_STAGES = (4, 6, 7, 8)
-"""Numbers of cells for which `contacts` has a table."""
+"""Numbers of cells for which `celegans_contacts` has a table."""
 
 
-def contacts(stage: int) -> dict[tuple[str, str], str]:
+def celegans_contacts(stage: int) -> dict[tuple[str, str], str]:
     """Which cells touch at a stage of the *C. elegans* embryo.
 
     Parameters
@@ -40,7 +40,7 @@ def contacts(stage: int) -> dict[tuple[str, str], str]:
     }
 
 
-def contact_areas() -> dict[tuple[str, str], float]:
+def celegans_contact_areas() -> dict[tuple[str, str], float]:
     """Area, µm², of the five contacts of the four-cell *C. elegans* embryo, mean of two embryos."""
     rows = _rows("celegans_contact_areas.csv")
     return {(row["cell1"], row["cell2"]): float(row["area_um2"]) for row in rows}

@@ -6,9 +6,10 @@ from typing import Any
 from morphosim.geometry.confinement import Confinement
 from morphosim.importers.lineage import Lineage
 from morphosim.physics.attraction import Attraction
+from morphosim.scene.ends import End, Steady
 from morphosim.scene.events import Division
 from morphosim.scene.scene import Scene
-from morphosim.scene.stages import End, Stage, Steady
+from morphosim.scene.stages import Stage
 
 SIGMA_STRONG, SIGMA_WEAK = 0.5, 0.0
 """Attraction that the paper infers (Note 1.4)."""
@@ -36,7 +37,7 @@ def divisions(
     ]  # fmt: skip
 
 
-def embryo(
+def lineage_scene(
     lineage: Lineage,
     confinement: Confinement,
     center: Sequence[float],

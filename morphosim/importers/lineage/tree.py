@@ -140,23 +140,3 @@ class Lineage:
         for daughter in found:  # grows while it is walked
             found.extend(self.cells[daughter].daughters)
         return found
-
-    def alive_after(self, group: int) -> list[str]:
-        """Cells alive after the group of this number has divided; 0: at the start.
-
-        Daughters stand where their mother stood. ValueError if there is no such group.
-        """
-        _validate.choice("group", group, (0, *(g.number for g in self.division_groups)))
-        alive = self.roots
-        for number in (g.number for g in self.division_groups if g.number <= group):
-            alive = _divided(self.cells, alive, number)
-        return alive
-
-
-def _divided(cells: Mapping[str, LineageCell], alive: list[str], group: int) -> list[str]:
-    """Names after a group has divided."""
-    return [
-        new
-        for name in alive
-        for new in (cells[name].daughters if cells[name].group == group else (name,))
-    ]

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim._files import check_file, csv_rows, guarded, listed, need
+from morphosim._extras import need
+from morphosim._files import check_file, csv_rows, guarded, listed
 
 Entry = str | float
 
@@ -41,7 +42,7 @@ def read_table(path: Path) -> NameTable:
 
 
 def _rows_of_xls(path: Path) -> list[list[Entry]]:
-    xlrd = need("xlrd", path)
+    xlrd = need("xlrd", str(path), "matlab")
     book = xlrd.open_workbook(str(path), logfile=io.StringIO())
 
     def plain(cell: Any) -> Entry:
@@ -53,7 +54,7 @@ def _rows_of_xls(path: Path) -> list[list[Entry]]:
 
 
 def _rows_of_xlsx(path: Path) -> list[list[Entry]]:
-    openpyxl = need("openpyxl", path)
+    openpyxl = need("openpyxl", str(path), "matlab")
     sheet = openpyxl.load_workbook(path, data_only=True).worksheets[0]
     return [[_plain(value) for value in row] for row in sheet.iter_rows(values_only=True)]
 

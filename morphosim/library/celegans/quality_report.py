@@ -7,7 +7,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from morphosim.library.celegans.quality_control import INFORMS, Criterion
+from morphosim.library.celegans.quality_checks import INFORMS
+from morphosim.library.celegans.quality_control import Criterion
 
 HEAD = """\
 Quality control of Supplementary Note 1, at the end of each stage.

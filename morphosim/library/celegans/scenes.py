@@ -12,13 +12,14 @@ from morphosim.importers.lineage.scene import (
     SIGMA_STRONG,
     SIGMA_WEAK,
     divisions,
-    embryo,
+    lineage_scene,
 )
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.attraction import Attraction
+from morphosim.scene.ends import Duration, QuasiSteady, Steady
 from morphosim.scene.events import Division
 from morphosim.scene.scene import Scene
-from morphosim.scene.stages import Duration, QuasiSteady, Stage, Steady
+from morphosim.scene.stages import Stage
 
 LIMIT = 10000.0
 """*In silico* time after which a stage up to 8 cells ends, steady or not."""
@@ -71,7 +72,7 @@ def celegans_1_to_8(weak: bool = True, measured: Collection[str] = (), **options
         "name": f"celegans-1-to-8{'' if weak else '-strong'}",
         "description": f"C. elegans from one to eight cells, {kind} ABpl-E attraction",
     }
-    return embryo(
+    return lineage_scene(
         lineage, EGGSHELL, CENTER, groups=0, stages=first_eight(lineage, weak, measured),
         **(named | options),
     )  # fmt: skip
@@ -87,4 +88,6 @@ def celegans_1_to_102(measured: Collection[str] = (), **options: Any) -> Scene:
     }
     early = first_eight(lineage, True, measured)
     early[-1] = replace(early[-1], end=Steady(), limit=EQUILIBRIUM_LIMIT)
-    return embryo(lineage, EGGSHELL, CENTER, stages=early, measured=measured, **(named | options))
+    return lineage_scene(
+        lineage, EGGSHELL, CENTER, stages=early, measured=measured, **(named | options)
+    )

@@ -23,7 +23,7 @@ Measure = Callable[[str, float], tuple[int, int]]
 
 
 @dataclass(frozen=True, slots=True)
-class Label:
+class NameTag:
     """Name in a picture.
 
     Attributes
@@ -44,44 +44,44 @@ class Label:
     inside: bool
 
 
-def place_labels(panel: Panel, measure: Measure, sizes: Sequence[float] = SIZES) -> list[Label]:
-    """Labels of the cells that are seen well enough.
+def place_names(panel: Panel, measure: Measure, sizes: Sequence[float] = SIZES) -> list[NameTag]:
+    """Names of the cells that are seen well enough.
 
     A name lies on its cell where there is most room. One that does not fit there goes beside its
     cell if most of that is seen and the place is free; other names are left out.
     """
     from scipy.ndimage import find_objects
 
-    labels: list[Label] = []
+    tags: list[NameTag] = []
     small: list[tuple[int, Part]] = []
     parts: list[Any] = find_objects(panel.seen + 1, len(panel.names))
     for place, part in enumerate(parts):
         if part is None:
             continue
-        label = _inside(panel, place, part, measure, sizes)
-        if label is not None:
-            labels.append(label)
+        tag = _inside(panel, place, part, measure, sizes)
+        if tag is not None:
+            tags.append(tag)
         else:
             small.append((place, part))
     taken = panel.seen >= 0
     for place, part in small:
-        label = _beside(panel, place, part, measure, sizes[-2], taken)
-        if label is not None:
-            labels.append(label)
-    return labels
+        tag = _beside(panel, place, part, measure, sizes[-2], taken)
+        if tag is not None:
+            tags.append(tag)
+    return tags
 
 
 def _inside(
     panel: Panel, place: int, part: Part, measure: Measure, sizes: Sequence[float]
-) -> Label | None:
-    """Label on its cell, in the largest letters that fit."""
+) -> NameTag | None:
+    """Name on its cell, in the largest letters that fit."""
     mask = np.pad(panel.seen[part] == place, 1)
     for size in sizes:
         width, height = measure(panel.names[place], size)
         where = _roomiest(mask, width, height)
         if where is not None:
             row, column = where[0] + part[0].start - 1, where[1] + part[1].start - 1
-            return Label(panel.names[place], column, row, size, inside=True)
+            return NameTag(panel.names[place], column, row, size, inside=True)
     return None
 
 
@@ -104,9 +104,9 @@ def _roomiest(mask: NDArray[np.bool_], width: int, height: int) -> tuple[int, in
 def _beside(
     panel: Panel, place: int, part: Part, measure: Measure, size: float,
     taken: NDArray[np.bool_],
-) -> Label | None:  # fmt: skip
-    """Label beside a cell of which most is seen; its place is taken then."""
-    if (panel.seen[part] == place).sum() < FULL * panel.frames[place]:
+) -> NameTag | None:  # fmt: skip
+    """Name beside a cell of which most is seen; its place is taken then."""
+    if (panel.seen[part] == place).sum() < FULL * panel.rectangles[place]:
         return None
     width, height = measure(panel.names[place], size)
     rows, columns = part
@@ -121,5 +121,5 @@ def _beside(
         space = taken[top : top + height, left : left + width]
         if not space.any():
             space[:] = True
-            return Label(panel.names[place], middle[1], middle[0], size, inside=False)
+            return NameTag(panel.names[place], middle[1], middle[0], size, inside=False)
     return None

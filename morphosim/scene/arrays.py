@@ -1,0 +1,67 @@
+"""Arrays of a scene file: they lie in an .npz file beside it, and it names them "file.npz:key"."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim import _validate
+from morphosim._files import guarded, replacing
+
+
+def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
+    """Array as it is, of lists of numbers, or named as "file.npz:key".
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such file in `folder`.
+    ValueError
+        The file is damaged or has no such array, or the lists are none of numbers.
+    """
+    if isinstance(value, np.ndarray):
+        return value
+    if not isinstance(value, str):
+        return _validate.array(where, value, None)
+    name, _, key = value.partition(":")
+    path = folder / name
+    if not path.exists():
+        message = f"{where} = {value!r}: {path} does not exist"
+        raise FileNotFoundError(message)
+    known, array = guarded(path, lambda: _entry(path, key))
+    _validate.choice(f"{where}: array in {name}", key, known)
+    return np.asarray(array)
+
+
+def _entry(path: Path, key: str) -> tuple[list[str], Any]:
+    """Names in an .npz file, and the array of one of them if it is there."""
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        return file.files, file[key] if key in file.files else None
+
+
+def set_apart(value: Any, archive: str, key: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """What a file says of a value: its arrays go into `arrays`, and are named "archive:key".
+
+    Of several arrays in one table each has the name of its field in its key too.
+    """
+    if isinstance(value, np.ndarray):
+        arrays[key] = value
+        return f"{archive}:{key}"
+    if isinstance(value, list):
+        return [set_apart(v, archive, f"{key}_{k}", arrays) for k, v in enumerate(value)]
+    if isinstance(value, dict):
+        alone = sum(isinstance(v, np.ndarray) for v in value.values()) == 1
+        return {
+            name: set_apart(
+                v, archive, key if alone and isinstance(v, np.ndarray) else f"{key}_{name}", arrays
+            )
+            for name, v in value.items()
+        }
+    return value
+
+
+def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    """Write an .npz file, whole or not at all."""
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]

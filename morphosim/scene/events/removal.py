@@ -1,0 +1,71 @@
+"""Cells are taken out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from morphosim import _validate
+from morphosim.scene.target import Target
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Removal:
+    """Cells are taken out: those named, and those that rules pick; first by place, then by contact.
+
+    Attributes
+    ----------
+    cells : names
+    below, above : mapping from axis to position, optional
+        Cells whose centroid is beyond it, as {"z": 15.0} in µm.
+    isolated : bool
+        Cells without contact to the largest aggregate of those that are left.
+    rule : function of a simulation, optional
+        Gives names of cells.
+    """
+
+    cells: Sequence[str] = ()
+    below: Mapping[str, float] = field(default_factory=dict)
+    above: Mapping[str, float] = field(default_factory=dict)
+    isolated: bool = False
+    rule: Callable[[Any], Sequence[str]] | None = None
+
+    def __post_init__(self) -> None:
+        for side in (self.below, self.above):
+            _validate.keys("removal: axis", side, AXES)
+            for axis, place in side.items():
+                _validate.number(f"removal: {axis}", place)
+        _validate.flag("removal: isolated", self.isolated)
+
+    def apply(self, simulation: Target) -> None:
+        """Take the cells out."""
+        picked = () if self.rule is None else self.rule(simulation)
+        simulation.remove(dict.fromkeys([*self.cells, *picked, *self._beyond(simulation)]))
+        if self.isolated:
+            simulation.remove(_apart(simulation))
+
+    def _beyond(self, simulation: Target) -> list[str]:
+        places = simulation.centroids
+        sides = [(1, self.below), (-1, self.above)]
+        return [
+            name
+            for name, place in zip(simulation.names, places, strict=True)
+            if any(
+                sign * place[AXES.index(axis)] < sign * limit
+                for sign, side in sides for axis, limit in side.items()
+            )
+        ]  # fmt: skip
+
+
+def _apart(simulation: Target) -> list[str]:
+    """Cells that are not in the largest aggregate of cells in contact."""
+    import networkx as nx
+
+    from morphosim.measure.contacts import contact_areas
+
+    graph = nx.Graph()
+    graph.add_nodes_from(simulation.names)
+    graph.add_edges_from(contact_areas(simulation.fields, simulation.spacing))
+    largest = max(nx.connected_components(graph), key=len)
+    return [name for name in simulation.names if name not in largest]

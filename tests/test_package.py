@@ -1,0 +1,102 @@
+"""The package as it is found: at the root of a clone, installed either way."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+IGNORED = shutil.ignore_patterns("__pycache__")
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """Root of a clone: the package, and its kernels beside it."""
+    root = tmp_path / "clone"
+    for name in ("morphosim", "kernels"):
+        shutil.copytree(ROOT / name, root / name, ignore=IGNORED)
+    return root
+
+
+@pytest.fixture
+def plain(clone: Path, tmp_path: Path) -> dict[str, str]:
+    """Environment of a plain installation, which has the kernels within the package.
+
+    The folders of this Python's packages are given by name, and Python started with -S, so that an
+    editable installation of the package does not help.
+    """
+    site = tmp_path / "site"
+    shutil.copytree(clone / "morphosim", site / "morphosim")
+    shutil.copytree(clone / "kernels", site / "morphosim" / "kernels")
+    about = site / "morphosim-0.1.0.dist-info" / "METADATA"
+    about.parent.mkdir()
+    about.write_text("Metadata-Version: 2.1\nName: morphosim\nVersion: 0.1.0\n")
+    packages = [path for path in sys.path if path.endswith("-packages")]
+    return {"PYTHONPATH": os.pathsep.join([str(site), *packages])}
+
+
+def python(code: str, folder: Path, *flags: str, **environment: str) -> str:
+    """Output of a new Python process in a folder."""
+    command = [sys.executable, *flags, "-c", code]
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+WHERE = """
+import morphosim.kernels.pairs as module
+from morphosim import RunWriter
+import morphosim, morphosim.kernels
+assert morphosim.kernels.pairs is module
+print(morphosim.__file__, module.__file__)
+"""
+
+
+def test_python_at_the_root_of_a_clone_takes_the_clones_kernels(clone: Path, plain: dict) -> None:
+    found = python(WHERE, clone, "-S", **plain).split()
+    assert [Path(path).parent for path in found] == [clone / "morphosim", clone / "kernels"]
+
+
+def test_python_elsewhere_takes_the_installation(tmp_path: Path, plain: dict) -> None:
+    found = python(WHERE, tmp_path, "-S", **plain).split()
+    package = tmp_path / "site" / "morphosim"
+    assert [Path(path).parent for path in found] == [package, package / "kernels"]
+
+
+def test_this_installation_works_at_the_root_of_its_clone() -> None:
+    assert Path(python(WHERE, ROOT).split()[1]).parent.name == "kernels"
+
+
+def test_another_process_unpickles_what_is_of_a_clones_kernels(clone: Path, plain: dict) -> None:
+    said = python(
+        "import pickle; from morphosim.kernels.layout import Boxes; print(pickle.dumps(Boxes))",
+        clone, "-S", **plain,
+    )  # fmt: skip
+    found = python(f"import pickle; print(pickle.loads({said}).__name__)", clone, "-S", **plain)
+    assert found == "Boxes"
+
+
+def test_all_folders_with_code_are_installed() -> None:
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        stated = tomllib.load(file)["tool"]["setuptools"]["packages"]
+    folders = [path.parent.relative_to(ROOT) for path in ROOT.glob("morphosim/**/__init__.py")]
+    assert sorted(stated) == sorted([".".join(f.parts) for f in folders] + ["morphosim.kernels"])
+
+
+def test_no_module_imports_a_private_name_of_another() -> None:
+    found = [
+        f"{path.name}: {node.module}.{alias.name}"
+        for path in ROOT.glob("morphosim/**/*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module != "morphosim"
+        for alias in node.names
+        if alias.name.startswith("_")
+    ]
+    assert found == []
