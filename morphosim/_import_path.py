@@ -1,37 +1,75 @@
-"""Functions and classes of a user's modules, which files name as "module:name"."""
+"""Functions and classes of a user's own, which files name as "module:name" or "file.py:name"."""
 
 import sys
 from functools import reduce
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
 from typing import Any
+
+MAIN = "__main__"
 
 
 def loaded(text: str, where: str) -> Any:
-    """Function or class named as "module:name".
+    """Function or class named as "module:name", or as "file.py:name" by the path of its file.
 
     Raises
     ------
     ValueError
-        The module cannot be imported, or has no such name; the text names `where` it is asked for.
+        The module cannot be imported, or has no such name; the text names `where` it is asked for,
+        and says what to try.
     """
-    module, _, name = text.partition(":")
+    module, _, name = text.rpartition(":")
     try:
-        return reduce(getattr, name.split("."), import_module(module))
+        return reduce(getattr, name.split("."), _module(module))
     except Exception as error:  # a module may raise anything when it is imported
-        message = (
-            f"{where} = {text!r} cannot be loaded as module:name ({error}); is the module "
-            "installed or on PYTHONPATH?"
-        )
+        message = f"{where} = {text!r} cannot be imported ({error}). {_advice(module)}"
         raise ValueError(message) from error
 
 
 def path_of(item: Any) -> str | None:
-    """Function or class as "module:name"; None if another process would not get it by that."""
+    """Name by which `loaded` finds a function or class; None if there is none.
+
+    What a script defines is named by the script's file.
+    """
     module, name = (getattr(item, key, None) for key in ("__module__", "__qualname__"))
-    if not module or not name or module == "__main__":
-        return None
     try:
-        found = reduce(getattr, name.split("."), sys.modules[module])
+        found = reduce(getattr, str(name).split("."), sys.modules[str(module)])
     except (KeyError, AttributeError):  # made within a function, perhaps
         return None
-    return f"{module}:{name}" if found is item else None
+    if found is not item:
+        return None
+    file = getattr(sys.modules[MAIN], "__file__", None)
+    if module == MAIN and file is not None:
+        return f"{Path(file).resolve()}:{name}"
+    return f"{module}:{name}"
+
+
+def _module(name: str) -> ModuleType:
+    """Module of a name, or of a file: that which is loaded already, or it is loaded now."""
+    if not name.endswith(".py"):
+        return import_module(name)
+    path = Path(name).resolve()
+    for module in list(sys.modules.values()):  # it may be the script that runs
+        file = getattr(module, "__file__", None)
+        if file is not None and Path(file).resolve() == path:
+            return module
+    if not path.exists():
+        message = f"there is no file {path}"
+        raise ImportError(message)
+    spec = spec_from_file_location(str(path), path)  # so its classes are named by the file
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[str(path)] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _advice(module: str) -> str:
+    if module == MAIN:
+        return "It was defined in a notebook or console: define it there again, or in a module"
+    if module.endswith(".py"):
+        return "Put the file there, or say in the scene file where it is"
+    return "Is the module installed or on PYTHONPATH? Or name its file: 'path/to/file.py:name'"

@@ -82,14 +82,31 @@ def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> None:
 
 
 def _replace(table: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value by its dotted key."""
+    """Set a value by its dotted key; a number counts in a list, from 0."""
     *parents, last = key.split(".")
+    place: Any = table
     for parent in parents:
-        table = table.setdefault(parent, {})
-        if not isinstance(table, dict):
-            message = f"cannot set {key}: {parent} is not a table"
-            raise ValueError(message)
-    table[last] = value
+        place = _inside(place, parent, key)
+    if isinstance(place, list):
+        _inside(place, last, key)
+        place[int(last)] = value
+    else:
+        place[last] = value
+
+
+def _inside(place: Any, name: str, key: str) -> Any:
+    """Table or list of this name, or number, in another; ValueError if there is none."""
+    if isinstance(place, dict):
+        found = place.setdefault(name, {})
+    elif name.isdecimal() and int(name) < len(place):
+        found = place[int(name)]
+    else:
+        message = f"cannot set {key}: there is no {name!r} in a list of {len(place)}"
+        raise ValueError(message)
+    if not isinstance(found, dict | list):
+        message = f"cannot set {key}: {name} is not a table"
+        raise ValueError(message)
+    return found
 
 
 def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:

@@ -1,6 +1,7 @@
 """What must stay the same for a run to go on: a scene's physics, numerics, walls and stages."""
 
 import json
+from collections.abc import Mapping
 from contextlib import suppress
 from hashlib import sha256
 from typing import Any
@@ -30,8 +31,18 @@ def settings(scene: Scene) -> dict[str, Any]:
         said["confinement"] = _digest(table, "confinement")
     for k, stage in enumerate(scene.stages):
         with suppress(ValueError, TypeError):
-            said[f"stages[{k}]"] = _digest(stage_table(stage), "stage")
-    return {"physics": physics_table(scene.physics), "numerics": numerics, "scene": said}
+            row = stage_table(stage)
+            physics = _without_places(row.get("physics", {}))
+            said[f"stages[{k}]"] = _digest(row | {"physics": physics}, "stage")
+    physics = _without_places(physics_table(scene.physics))
+    return {"physics": physics, "numerics": numerics, "scene": said}
+
+
+def _without_places(physics: Mapping[str, Any]) -> dict[str, Any]:
+    """Physics whose terms are named by their class alone; its file may move."""
+    terms = physics.get("terms", ())
+    named = [term | {"use": term["use"].rpartition(":")[2]} for term in terms]
+    return dict(physics) | ({"terms": named} if named else {})
 
 
 def _digest(table: Any, key: str) -> str:

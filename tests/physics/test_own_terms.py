@@ -204,8 +204,7 @@ if __name__ == "__main__":
     again = Simulation.from_run(folder)
     assert again.centroids[0, 2] == whole < -1
     script.unlink()
-    for module in [name for name in sys.modules if name == "sinking"]:
-        del sys.modules[module]
+    del sys.modules[str(script)]
     with pytest.raises(ValueError, match=r"terms\[0\].use = .*sinking.py:Gravity' cannot be imp"):
         Simulation.from_run(folder)
     with open_run(folder) as run:  # to look at it needs no term
@@ -227,14 +226,15 @@ def test_scene_files_say_terms(tmp_path: Path) -> None:
     assert changed.physics.terms[1] == Gravity(weight=0.7)
 
 
-def test_terms_are_scanned(tmp_path: Path) -> None:
+def test_terms_are_scanned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(OWN.parents[2]))  # so that workers can import the term
     alone = scene(Gravity(), cells=cells(1), duration=20.0)
     result = sweep(
-        alone, [Axis("physics.terms.0.weight", [0.1, 0.4])], directory=tmp_path / "scan",
-        figures=["centroid"],
+        alone, {"physics.terms.0.weight": Axis(values=[0.1, 0.4])}, figures=["centroid"],
+        directory=tmp_path / "scan", progress=False,
     )  # fmt: skip
-    low = result["centroid"].isel(cell=0).sel(axis="z").values
-    assert low[1].min() < low[0].min() - 0.5
+    light, heavy = result["centroid"].sel(axis="z").isel(cell=0).values
+    assert heavy < light - 0.5
 
 
 WRONG = {
