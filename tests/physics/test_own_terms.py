@@ -227,7 +227,7 @@ def test_scene_files_say_terms(tmp_path: Path) -> None:
 
 
 def test_terms_are_scanned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(OWN.parents[2]))  # so that workers can import the term
+    monkeypatch.syspath_prepend(OWN.parents[2])  # so that workers can import the term
     alone = scene(Gravity(), cells=cells(1), duration=20.0)
     result = sweep(
         alone, {"physics.terms.0.weight": Axis(values=[0.1, 0.4])}, figures=["centroid"],
