@@ -38,7 +38,7 @@ from _common import arguments, packed_scene, print_table, report
 from morphosim import Simulation
 from morphosim.kernels._jit import kernel
 from morphosim.kernels.boxes import BAND
-from morphosim.kernels.chebyshev import sweep
+from morphosim.kernels.chebyshev import iterate
 from morphosim.kernels.columns import ROWS, SHIFT, gather, sum_column
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import (
@@ -64,7 +64,6 @@ from morphosim.kernels.step import (
     accept_box,
     keep_history,
 )
-from morphosim.numerics.schemes import coefficients
 
 DERIVATIVE = 8
 """Sixth order: 3 differences, 3 products, 2 sums (`derivative`)."""
@@ -77,7 +76,7 @@ START_OF_SWEEPS = 4
 """e0 φ + e1 (H + F)."""
 SWEEP = 3 * 5 + 5 + 5
 """Three sums of six neighbours; their weights (3 products, 2 sums); the rest (3 products, 2 sums)
-(`weighted_neighbours`, `plane_sweep`)."""
+(`weighted_neighbours`, `iterate_plane`)."""
 READ = 3
 """R and ψ: two products and a difference each (`read_repulsion`, `read_own_potential`)."""
 ADD = 3 + 1
@@ -144,7 +143,6 @@ def band_stages(
 ):  # fmt: skip
     """What `step_band` does, up to a stage: 1 load, 2 gather, 3 force, 4 sweeps, 5 accept."""
     one = limits.half + limits.half
-    sweeps = terms.sweeps.shape[1]
     for k in range(cells.shape[0]):
         i = cells[k]
         clear(i, boxes, False, frames[PHI])
@@ -162,14 +160,14 @@ def band_stages(
                 frames[HISTORY], frames[START], stencil, scheme, limits.half, True,
             )  # fmt: skip
         if stage >= 4:
-            for s in range(sweeps):
+            for s in range(terms.n_iterations[i]):
                 source = START if s % 2 == 0 else PHI
-                sweep(
+                iterate(
                     i, boxes, frames[source], frames[START + PHI - source], frames[RHS], stencil,
-                    scheme.lhs, terms.gamma[i], terms.sweeps[i, s], one,
+                    scheme.lhs, terms.gamma[i], terms.weights[i, s], one,
                 )  # fmt: skip
         if stage >= 5:
-            result = PHI if sweeps % 2 else START
+            result = PHI if terms.n_iterations[i] % 2 else START
             accept_band(
                 i, phi, history, frames[result], frames[HISTORY], boxes, limits, found, measured,
                 surveys, lost,
@@ -277,33 +275,32 @@ class Profile:
         self.real.step(SETTLING)
         simulation.step(SETTLING)
         engine = self.engine = simulation.engine
-        if not (engine._coupled and engine._cover.columns.felt.all()):
+        state = self._state = engine.state()
+        columns = state.coupling.columns
+        if columns is None or not columns.felt.all():
             raise ValueError("this account is of cells that meet: take more of them")
-        engine._fill_terms(simulation.targets)
-        numbers = coefficients(engine.numerics, engine.physics.tau, False)
-        self._scheme = Scheme(**{name: engine._real(v) for name, v in numbers.items()})
-        self._terms = engine._terms
+        self._scheme, self._terms = state.later, state.terms
         if solver == "band":
-            self._terms = self._terms._replace(sweeps=engine._sweeps(numbers["lhs"]))
-        zero, one = engine._real(0), engine._real(1)
+            self._terms = engine.solver.with_weights(self._terms)
+        zero, one = engine.dtype.type(0), engine.dtype.type(1)
         self._still = (
-            self._terms._replace(gamma=np.zeros_like(engine._terms.gamma)),
+            self._terms._replace(gamma=np.zeros_like(self._terms.gamma)),
             Scheme(self._scheme.lhs, self._scheme.lhs, zero, zero, zero, one, zero),
         )  # lhs φⁿ⁺¹ = lhs φⁿ, whatever the force
-        pool = engine.pool
+        pool = state.pool
         self._arrays = pool.phi, pool.history, pool.band, pool.surveys, pool.lost
         self._saved = [array.copy() for array in self._arrays]
         self._points = np.zeros((cells, N_COUNTED), np.int64)
-        count_points(pool.boxes, solver == "dct", engine._cover.columns, self._points)
+        count_points(pool.boxes, solver == "dct", columns, self._points)
         run_points = self._points[:, RUN]
         self._middle = int(np.argmin(abs(run_points - run_points.mean())))
         self._check()
 
     def _check(self) -> None:
         """The stages together are a step, and one cell taken again and again stays as it is."""
-        engine, phi = self.engine, self.engine.pool.phi
-        engine._accumulate()
-        engine._advance()
+        engine, phi = self.engine, self._state.pool.phi
+        self._accumulate()
+        engine.solver.advance(self._state)
         expected = phi.copy()
         self._ready_all()
         self._do_all(len(self.phases))
@@ -316,24 +313,27 @@ class Profile:
 
     def _do_all(self, stage: int) -> None:
         """All stages up to one, of all cells."""
-        self._do(stage, self.engine._order, self._terms, self._scheme)
+        self._do(stage, self._state.schedule.order, self._terms, self._scheme)
 
     def _do_one(self, stage: int, times: int = AGAIN) -> None:
         """All stages up to one, of one cell again and again."""
         self._do(stage, np.full(times, self._middle, np.int64), *self._still)
 
     def _do(self, stage: int, cells: np.ndarray, terms: CellTerms, scheme: Scheme) -> None:
-        engine, pool = self.engine, self.engine.pool
+        state, space = self._state, self._state.workspace
+        pool, coupling = state.pool, state.coupling
         common = (
-            stage, cells, pool.phi, pool.history, pool.boxes, terms,
-            engine._interactions.interaction, engine._cover.columns, engine._work[0],
-            engine._stencil, scheme,
+            stage, cells, pool.phi, pool.history, pool.boxes, terms, coupling.interaction,
+            coupling.columns, space.frames[0], state.stencil, scheme,
         )  # fmt: skip
-        survey = engine._limits, engine._found[0], engine._measured[0], pool.surveys
+        survey = state.limits, space.found[0], space.measured[0], pool.surveys
         if self.solver == "band":
             band_stages(*common, *survey, pool.lost)
         else:
-            transform_stages(*common, engine._cosines.arrays, *survey)
+            transform_stages(*common, self.engine.solver.tables.arrays, *survey)
+
+    def _accumulate(self) -> None:
+        self._state.coupling.accumulate(self._state.pool, self._state.schedule)
 
     def _restore(self) -> None:
         for array, saved in zip(self._arrays, self._saved, strict=True):
@@ -342,12 +342,12 @@ class Profile:
     def _ready_all(self) -> None:
         """As a step finds it: the state, and its sums made just before."""
         self._restore()
-        self.engine._accumulate()
+        self._accumulate()
 
     def _ready_one(self) -> None:
         """State and columns of one cell in the cache; without history it stays as it is."""
         self._ready_all()
-        pool = self.engine.pool
+        pool = self._state.pool
         pool.box(self._middle, pool.history)[:] = 0
         self._do_one(len(self.phases), 3)
 
@@ -357,17 +357,17 @@ class Profile:
         self._do_all(len(self.phases))
 
     def _accumulate_again(self) -> None:
-        engine = self.engine
+        pool, coupling = self._state.pool, self._state.coupling
         accumulate_again(
-            engine._cover.lists, engine.pool.phi, engine.pool.boxes,
-            engine._interactions.interaction, engine._cover.columns, 1 + ADD_AGAIN,
+            coupling.lists, pool.phi, pool.boxes, coupling.interaction, coupling.columns,
+            1 + ADD_AGAIN,
         )  # fmt: skip
 
     def actions(self) -> dict[Any, tuple[Callable[[], None], Callable[[], None]]]:
         """What to time, each with what precedes it untimed."""
         found: dict[Any, tuple[Callable[[], None], Callable[[], None]]] = {
             (self.solver, "step"): (self.real.step, self.real.step),
-            (self.solver, "sums"): (self._ready_sums, self.engine._accumulate),
+            (self.solver, "sums"): (self._ready_sums, self._accumulate),
             (self.solver, "sums again"): (self._ready_sums, self._accumulate_again),
         }
         for stage in range(1, len(self.phases) + 1):
@@ -395,7 +395,7 @@ class Profile:
         mean = self._points.mean(axis=0)
         return {
             "solver": self.solver,
-            "of the box": float(self.engine.pool.sizes().mean()),
+            "of the box": float(self._state.pool.sizes().mean()),
             "active": self.active,
             "of rows": float(mean[LISTED]),
             "of runs": float(mean[RUN]),
@@ -403,6 +403,11 @@ class Profile:
             "added to columns": float(mean[ADDED]),
             "active of runs, %": 100 * self.active / float(mean[RUN]),
         }
+
+    @property
+    def frames(self) -> np.ndarray:
+        """Padded work arrays of the only thread."""
+        return self._state.workspace.frames
 
     @property
     def active(self) -> float:
@@ -414,10 +419,10 @@ class Profile:
         engine = self.engine
         mean = self._points.mean(axis=0).tolist()
         listed, wide, reached, run_, added, repelled, pulled = mean
-        columns = 2.0 * ROWS * float(engine._cover.lists.length.sum()) / len(engine)
-        box = float(engine.pool.sizes().mean())
+        columns = 2.0 * ROWS * float(self._state.coupling.lists.length.sum()) / len(engine)
+        box = float(self._state.pool.sizes().mean())
         if self.solver == "band":
-            sweeps = self._terms.sweeps.shape[1]
+            sweeps = int(self._terms.n_iterations[0])
             own = {
                 # Writes: φ's frame cleared and filled, that of H filled, that of the start cleared.
                 "load": Work(listed, 0, 2 * listed, 2 * reached + 2 * wide),
@@ -433,9 +438,9 @@ class Profile:
                 "accept": Work(listed, SURVEY * listed, 2 * listed, 3 * listed),
             }
         else:
-            sizes = engine.pool.shape.sum(axis=1)
-            framed = float((engine.pool.shape + 2 * HALO).prod(axis=1).mean())
-            products = float((4 * engine.pool.sizes() * sizes).mean())
+            sizes = self._state.pool.shape.sum(axis=1)
+            framed = float((self._state.pool.shape + 2 * HALO).prod(axis=1).mean())
+            products = float((4 * self._state.pool.sizes() * sizes).mean())
             own = {
                 # Writes φ's frame, halos with it, and that of H.
                 "load": Work(box, 0, 2 * box, framed + wide),
@@ -575,11 +580,11 @@ def copy_speed(size: int, rounds: int, threads: int = 1) -> float:
 def limits(profiles: Mapping[str, Profile], rounds: int) -> dict[str, float]:
     """What the machine can do."""
     found = {"peak, GFlop/s": peak(rounds)}
-    frames = max(profile.engine._work[0].nbytes for profile in profiles.values())
+    frames = max(profile.frames.nbytes for profile in profiles.values())
     found["frames, MB"] = 1e-6 * frames
     found["copy, frames, GB/s"] = copy_speed(frames // 2, rounds)
     for solver, profile in profiles.items():
-        pools = profile.engine.nbytes - profile.engine._work.nbytes
+        pools = profile.engine.nbytes - profile.frames.nbytes
         found[f"{solver} pools, MB"] = 1e-6 * pools
         found[f"copy, {solver} pools, GB/s"] = copy_speed(pools // 2, rounds)
     found["copy, memory, GB/s"] = copy_speed(MEMORY, rounds)

@@ -30,7 +30,7 @@ def row(name: str, simulation: Simulation, seconds: float) -> dict[str, Any]:
         "ms per step": 1e3 * seconds,
         "us per cell": 1e6 * seconds / cells,
         "MB per cell": simulation.engine.nbytes / cells / 1e6,
-        "box": "x".join(map(str, simulation.engine.pool.shape[0])),
+        "box": "x".join(map(str, simulation.fields[0].phi.shape)),
     }
 
 

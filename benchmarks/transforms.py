@@ -21,7 +21,7 @@ def main() -> None:
         medians = alternating_medians(
             {name: stepper(s) for name, s in simulations.items()}, options.rounds
         )
-        shape = simulations["matrix"].engine.pool.shape[0]
+        shape = simulations["matrix"].fields[0].phi.shape
         rows.append(
             {"R um": radius, "box": "x".join(map(str, shape))}
             | {f"{name}, us per cell": 1e6 * t / options.cells for name, t in medians.items()}

@@ -12,7 +12,7 @@ from morphosim.engine.interactions import Interactions
 from morphosim.engine.scheduling import Schedule
 from morphosim.kernels.columns import accumulate
 from morphosim.kernels.frames import frame_sizes
-from morphosim.kernels.layout import Columns, Interaction
+from morphosim.kernels.layout import ColumnLists, Columns, Interaction
 from morphosim.kernels.pairs import accumulate_pairs
 from morphosim.physics.term import Environment, Floats, SpaceFunction
 
@@ -82,7 +82,7 @@ class Coupling:
         """Sum over the cells of the present state."""
         if not self.acts:
             return
-        accumulate(self._cover.lists, pool.phi, pool.boxes, self.interaction, self._cover.columns)
+        accumulate(self.lists, pool.phi, pool.boxes, self.interaction, self._cover.columns)
         if self._interactions.pairs is not None:
             accumulate_pairs(
                 schedule.bounds, schedule.order, self._interactions.pairs, pool.phi, pool.boxes,
@@ -98,6 +98,11 @@ class Coupling:
     def columns(self) -> Columns | None:
         """The sums; None where nothing acts."""
         return self._cover.columns if self.acts else None
+
+    @property
+    def lists(self) -> ColumnLists:
+        """Which cells lie over which column."""
+        return self._cover.lists
 
     @property
     def pairs(self) -> tuple[Any, Any]:

@@ -64,6 +64,7 @@ class Engine:
         The N cells. Set values of columns in place; say `change` if others than `target` change.
     pool : BoxPool
         The fields.
+    solver : Solver
     steps : int
         Steps taken.
     whole : bool
@@ -90,9 +91,9 @@ class Engine:
         self.moved = np.zeros(0, np.int64)
         real = self.dtype.type
         self._limits = Limits(*(real(v) for v in (numerics.box_tolerance, RUNAWAY, 0.5)))
-        self._solver = make_solver(numerics, self.dtype, self.workers)
+        self.solver = make_solver(numerics, self.dtype, self.workers)
         has_history = numerics.scheme == "bdf2"
-        self.pool = BoxPool(self.cells, self.dtype, self._limits, has_history, self._solver.on_band)
+        self.pool = BoxPool(self.cells, self.dtype, self._limits, has_history, self.solver.on_band)
         self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._coupling = Coupling(self.dtype, self.workers)
         self._workspace = Workspace(self.workers, self.dtype)
@@ -169,7 +170,7 @@ class Engine:
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays that grow with the cells, but for short lists of columns."""
-        parts = (self.pool, self._coupling, self._solver, self._workspace.frames)
+        parts = (self.pool, self._coupling, self.solver, self._workspace.frames)
         return sum(part.nbytes for part in parts)
 
     @contextmanager
@@ -186,15 +187,23 @@ class Engine:
     def step(self) -> None:
         """Advance all cells by δt. Call it within `limited_threads`."""
         self.whole = False
-        self.settle()
-        self._coupling.accumulate(self.pool, self._schedule)
-        self._add_up_forces()
-        self._solver.advance(self._state())
+        state = self.state()
+        self._coupling.accumulate(self.pool, state.schedule)
+        self.solver.advance(state)
         self.cells["fresh"][:] = False
         self.steps += 1
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
         self.whole = True
+
+    def state(self) -> State:
+        """What the next step works on: all set up, and the forces of all terms added up."""
+        self.settle()
+        self._add_up_forces()
+        return State(
+            self._schedule, self.pool, self._values, self._coupling, self._workspace,
+            self._stencil, self._limits, self._later, self._first,
+        )  # fmt: skip
 
     def contents(self) -> dict[str, NDArray]:
         """Copies of all arrays that the next step depends on; see `restore`."""
@@ -284,7 +293,7 @@ class Engine:
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
         tensions = physics.surface_tension.tensions(cells)
-        self._solver.set_up(physics, tensions, np.unique(all_tensions))
+        self.solver.set_up(physics, tensions, np.unique(all_tensions))
         self._forces = Forces(np.zeros(len(cells)), np.zeros((len(cells), 3)))
         self._values = self._cell_terms(tensions)
         self._first, self._later = (self._scheme(fresh) for fresh in (True, False))
@@ -315,11 +324,11 @@ class Engine:
     def _lay_out(self) -> None:
         """Set up all that depends on where boxes are and how large."""
         shape = self.pool.shape
-        self._solver.lay_out(shape)
+        self.solver.lay_out(shape)
         self._workspace.reserve(shape)
         self._coupling.lay_out(self.pool)
         stepped = np.flatnonzero(~self.cells["frozen"])
-        cost = self._solver.cost(shape[stepped])
+        cost = self.solver.cost(shape[stepped])
         self._schedule = share_out(stepped, cost, self.pool.origin[stepped], self.workers)
 
     def _add_up_forces(self) -> None:
@@ -333,12 +342,6 @@ class Engine:
         values.pressure[:] = forces.pressure
         if values.drift is not None:
             values.drift[:] = forces.drift
-
-    def _state(self) -> State:
-        return State(
-            self._schedule, self.pool, self._values, self._coupling, self._workspace,
-            self._stencil, self._limits, self._later, self._first,
-        )  # fmt: skip
 
     def _refit(self) -> None:
         """Move and resize boxes whose band has come to a face, and now and then too large ones."""

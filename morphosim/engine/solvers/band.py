@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.solvers.solver import Solver, State
+from morphosim.kernels.layout import CellTerms
 from morphosim.kernels.step import step_band
 from morphosim.numerics.chebyshev import (
     MORE_WITHOUT_HISTORY,
@@ -49,16 +50,19 @@ class BandSolver:
 
     def advance(self, state: State) -> None:
         """See `Solver`."""
-        fresh = state.terms.fresh.astype(np.int64)
-        weights = self._weights_of[0]
-        if fresh.any():
-            weights = self._weights_of[fresh, np.arange(len(fresh))]
-        terms = state.terms._replace(n_iterations=self._counts[fresh], weights=weights)
         step_band(
-            *state._replace(terms=terms).acting(), state.workspace.found,
+            *state._replace(terms=self.with_weights(state.terms)).acting(), state.workspace.found,
             state.workspace.measured, state.stencil, state.later, state.first, state.limits,
             state.pool.surveys, state.pool.lost, *state.coupling.uses,
         )  # fmt: skip
+
+    def with_weights(self, terms: CellTerms) -> CellTerms:
+        """Numbers of each cell, with the iterations of this step."""
+        fresh = terms.fresh.astype(np.int64)
+        weights = self._weights_of[0]
+        if fresh.any():
+            weights = self._weights_of[fresh, np.arange(len(fresh))]
+        return terms._replace(n_iterations=self._counts[fresh], weights=weights)
 
     def _weights(self, physics: Physics, present: Floats, fresh: bool) -> Floats:
         """(tensions, iterations) weights of the iterations for these surface tensions."""

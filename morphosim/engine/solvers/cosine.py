@@ -26,7 +26,7 @@ class CosineSolver:
     nbytes = 0
 
     def __init__(self, numerics: Numerics, dtype: np.dtype) -> None:
-        self._tables = CosineTables(numerics, dtype)
+        self.tables = CosineTables(numerics, dtype)
 
     def set_up(
         self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64]
@@ -35,7 +35,7 @@ class CosineSolver:
 
     def lay_out(self, shape: NDArray[np.int64]) -> None:
         """See `Solver`."""
-        self._tables.require(shape)
+        self.tables.require(shape)
 
     def cost(self, shape: NDArray[np.int64]) -> NDArray[np.float64]:
         """See `Solver`."""
@@ -45,6 +45,6 @@ class CosineSolver:
         """See `Solver`."""
         step_transform(
             *state.acting(), state.workspace.found, state.workspace.measured, state.stencil,
-            state.later, state.first, self._tables.arrays, state.limits, state.pool.surveys,
+            state.later, state.first, self.tables.arrays, state.limits, state.pool.surveys,
             *state.coupling.uses,
         )  # fmt: skip

@@ -26,7 +26,7 @@ class LibrarySolver:
     on_band = False
 
     def __init__(self, numerics: Numerics, dtype: np.dtype, threads: int) -> None:
-        self._tables = CosineTables(numerics, dtype)
+        self.tables = CosineTables(numerics, dtype)
         self._libraries = [
             _make_library(numerics.transform, dtype) for _ in range(threads)
         ]  # one per thread: an FFTW plan must not be shared
@@ -44,7 +44,7 @@ class LibrarySolver:
 
     def lay_out(self, shape: NDArray[np.int64]) -> None:
         """See `Solver`."""
-        self._tables.require(shape)
+        self.tables.require(shape)
 
     def cost(self, shape: Integers) -> NDArray[np.float64]:
         """See `Solver`."""
@@ -77,7 +77,7 @@ class LibrarySolver:
             scheme = state.first if state.terms.fresh[i] else state.later
             rhs = state.pool.box(i, self._rhs)
             spectrum = library.forward(rhs)
-            x, y, z = (self._tables.symbol(int(n)) for n in state.pool.shape[i])
+            x, y, z = (self.tables.symbol(int(n)) for n in state.pool.shape[i])
             spectrum /= scheme.lhs + np.asarray(
                 state.terms.gamma[i] * (x[:, None, None] + y[None, :, None] + z[None, None, :])
             )
