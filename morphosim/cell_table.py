@@ -93,12 +93,11 @@ class CellTable:
     """
 
     def __init__(self, columns: Iterable[Column] = ()) -> None:
-        self.columns: dict[str, Column] = {}
+        self.columns = _by_name((*IDENTITY, *columns))
         self.kinds: list[str] = []
         self.next_id = 0
-        self._values: dict[str, NDArray[Any]] = {}
+        self._values = {name: column.new(0) for name, column in self.columns.items()}
         self._ids: dict[str, int] = {}
-        self._new_columns((*IDENTITY, *columns))
 
     def __len__(self) -> int:
         return len(self._values["id"])
@@ -158,13 +157,13 @@ class CellTable:
 
         Columns that stay keep their values, new ones have their defaults.
         """
-        before = self._values
-        wanted = (*IDENTITY, *columns)
-        self._values, self.columns = {}, {}
-        self._new_columns(wanted, len(before["id"]))
-        kept = [c.name for c in wanted if c.name in before]
-        self._values |= {name: before[name] for name in kept}
-        return [c.name for c in wanted if c.name not in before]
+        before, count = self._values, len(self)
+        self.columns = _by_name((*IDENTITY, *columns))
+        self._values = {
+            name: before[name] if name in before else column.new(count)
+            for name, column in self.columns.items()
+        }
+        return [name for name in self.columns if name not in before]
 
     def add(self, values: Mapping[str, Any], types: Sequence[str]) -> Rows:
         """Append cells; columns that are not among `values` have their defaults. Return the rows.
@@ -262,17 +261,6 @@ class CellTable:
                 self._values[name][:] = values[name]
         self.index()
 
-    def _new_columns(self, columns: Sequence[Column], count: int = 0) -> None:
-        for column in columns:
-            if column.name in self.columns:
-                message = (
-                    f"two columns of the cell table are named {column.name!r}; give a term's "
-                    "column another name"
-                )
-                raise ValueError(message)
-            self.columns[column.name] = column
-            self._values[column.name] = column.new(count)
-
     def _append(self, values: Mapping[str, Any], count: int) -> None:
         for name, column in self.columns.items():
             new = column.new(count)
@@ -282,3 +270,17 @@ class CellTable:
         fresh = slice(len(self) - count, None)
         names, ids = self._values["name"][fresh].tolist(), self._values["id"][fresh].tolist()
         self._ids.update(zip(names, ids, strict=True))
+
+
+def _by_name(columns: Iterable[Column]) -> dict[str, Column]:
+    """Columns by name; ValueError if two have the same."""
+    found: dict[str, Column] = {}
+    for column in columns:
+        if column.name in found:
+            message = (
+                f"two columns of the cell table are named {column.name!r}; give a term's column "
+                "another name"
+            )
+            raise ValueError(message)
+        found[column.name] = column
+    return found

@@ -17,11 +17,13 @@ class End(Protocol):
     """When a stage ends.
 
     `looks_back` says that the state at the check before is what the stage ends with;
-    `every_step` that `reached` is asked after every step and not at checks alone.
+    `every_step` that `reached` is asked after every step and not at checks alone; `uses_speeds`
+    that it looks at v̄, which is measured only then.
     """
 
     looks_back: bool
     every_step: bool
+    uses_speeds: bool
 
     def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
         """Whether the stage has ended; `speeds` are v̄ at all checks so far."""
@@ -34,6 +36,7 @@ class Duration:
     time: float
     looks_back = False
     every_step = True
+    uses_speeds = False
 
     def __post_init__(self) -> None:
         _validate.number("stage: duration", self.time, above=0)
@@ -50,6 +53,7 @@ class Steady:
     speed: float = 1e-4
     looks_back = False
     every_step = False
+    uses_speeds = True
 
     def __post_init__(self) -> None:
         _validate.number("stage: steady speed", self.speed, above=0)
@@ -65,6 +69,7 @@ class QuasiSteady:
 
     looks_back = True
     every_step = False
+    uses_speeds = True
 
     def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
         """See `End`."""
@@ -78,6 +83,7 @@ class When:
     condition: Callable[[Any], bool]
     looks_back = False
     every_step = False
+    uses_speeds = False
 
     def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
         """See `End`."""
