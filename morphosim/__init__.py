@@ -31,6 +31,7 @@ _EXPORTS = {
     "import_matlab": "importers.matlab.scene",
     "Measurement": "measure.measurement",
     "measure_fields": "measure.measurement",
+    "measured": "runs.measured_state",  # with all built-in variables, whose names are taken
     "Numerics": "numerics.parameters",
     "packed_cells": "scene.random_packing",
     "Physics": "physics.parameters",
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from morphosim.library.built_in import built_in_scene, scene_names
     from morphosim.measure.contacts import contact_areas, touching
     from morphosim.measure.measurement import Measurement, measure_fields
+    from morphosim.measure.variable import measured
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
     from morphosim.physics.parameters import Physics
@@ -94,8 +96,8 @@ __all__ = [
     "Numerics", "Physics", "ProgressBar", "RunWriter", "SaveError", "Scene", "SegmentationWarning",
     "Simulation", "Sphere", "StabilityWarning", "VolumeCourse", "__version__", "built_in_scene",
     "contact_areas", "export", "import_labels", "import_matlab", "load_fields", "load_scene",
-    "measure_fields", "open_run", "pack", "packed_cells", "read_labels", "relaxed", "save_scene",
-    "scene_names", "sweep", "touching",
+    "measure_fields", "measured", "open_run", "pack", "packed_cells", "read_labels", "relaxed",
+    "save_scene", "scene_names", "sweep", "touching",
 ]  # fmt: skip
 
 
