@@ -53,6 +53,7 @@ _EXPORTS = {
     "label_image": "measure.label_image",
     "Measurement": "measure.measurement",
     "measure_fields": "measure.measurement",
+    "measured": "runs.measured_state",  # with all built-in variables, whose names are taken
     "DistributedSimulation": "mpi.distributed_simulation",
     "RootObserver": "mpi.distributed_simulation",
     "Numerics": "numerics.parameters",
@@ -115,6 +116,7 @@ if TYPE_CHECKING:
     from morphosim.physics.attraction import Attraction
     from morphosim.physics.parameters import Physics
     from morphosim.physics.term import Term
+    from morphosim.runs.measured_state import measured
     from morphosim.runs.pack import pack
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
@@ -190,6 +192,7 @@ __all__ = [
     "load_fields",
     "load_scene",
     "measure_fields",
+    "measured",
     "open_run",
     "pack",
     "packed_cells",

@@ -15,6 +15,7 @@ from xarray.core.indexing import LazilyIndexedArray
 from morphosim import _validate
 from morphosim.cell_field import CellField
 from morphosim.measure.label_image import label_image
+from morphosim.measure.motion import trajectory
 from morphosim.measure.surfaces import SURFACE, Surface, cell_surface
 from morphosim.runs.reader import read_run
 from morphosim.runs.saved_fields import (
@@ -37,6 +38,11 @@ if TYPE_CHECKING:
 
 MOST_NEAR_NAMES = 8
 PHI = {"units": "1", "long_name": "phase field"}
+MOTION = {
+    "displacement": "distance from the position in the first save",
+    "path_length": "length of the path since the first save",
+    "mean_speed": "mean speed since the save before, per in silico time",
+}
 
 
 def open_run(path: str | Path) -> xr.Dataset:
@@ -201,10 +207,10 @@ class MorphoAccessor:
         position = variable(self._run, "centroid", "time", "cell", "axis")
         if cell is not None:
             position = position.sel(cell=self._names[self._place(cell)])
-        moves = _motion(position.values, self._run["time"].values)
+        moves = trajectory(position.values, self._run["time"].values)
         table = {
             name: (position.dims[:-1], values, {"units": "um", "long_name": text})
-            for (name, text), values in zip(_MOTION.items(), moves, strict=True)
+            for (name, text), values in zip(MOTION.items(), moves, strict=True)
         }
         return xr.Dataset({"position": position.variable, **table}, position.coords)
 
@@ -293,21 +299,3 @@ class MorphoAccessor:
         """Boxes of a save, and which of them is a cell's."""
         boxes = saved_boxes(self._run, save)
         return boxes, int(np.flatnonzero(boxes.cell == self._check_there(cell, save))[0])
-
-
-_MOTION = {
-    "displacement": "distance from the position in the first save",
-    "path_length": "length of the path since the first save",
-    "mean_speed": "mean speed since the save before, per in silico time",
-}
-
-
-def _motion(position: NDArray[np.float64], times: NDArray[np.float64]) -> tuple[NDArray, ...]:
-    """Displacement, path length and speed from positions (T, …, 3); NaN before and after a cell."""
-    there = np.isfinite(position).all(axis=-1)
-    first = np.take_along_axis(position, there.argmax(axis=0)[None, ..., None], axis=0)
-    steps = np.full(there.shape, np.nan)
-    steps[1:] = np.linalg.norm(np.diff(position, axis=0), axis=-1)
-    path = np.where(there, np.cumsum(np.nan_to_num(steps), axis=0), np.nan)
-    lapse = np.diff(times, prepend=np.nan).reshape(-1, *[1] * (there.ndim - 1))
-    return np.linalg.norm(position - first, axis=-1), path, steps / lapse

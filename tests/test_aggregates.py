@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open_run
-from morphosim.measure.aggregates import Aggregates, aggregates
+from morphosim.measure.aggregates import Aggregates
 from morphosim.measure.measurement import measure_fields
 
 
@@ -16,7 +16,7 @@ def aggregate(*places: tuple[float, float, float], types: str, radius: float = 5
         for k, place in enumerate(places)
     ]
     simulation = Simulation(Scene(cells=cells, numerics=Numerics(threads=1)))
-    return aggregates(measure_fields(simulation.fields, 0.5), list(types))
+    return Aggregates(measure_fields(simulation.fields, 0.5), list(types))
 
 
 def test_aggregates_by_contact() -> None:

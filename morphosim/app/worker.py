@@ -59,11 +59,7 @@ def resume(channel: Channel, name: str, store: Store) -> None:
 
 
 def _run(channel: Channel, simulation: Simulation, directory: Path, resume: bool = False) -> None:
-    scene = simulation.scene
-    writer = RunWriter(
-        directory, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
-        resume=resume,
-    )  # fmt: skip
+    writer = RunWriter.of(simulation.scene, directory, resume)
     simulation.run(observers=[writer, Watcher(channel, directory)])
 
 

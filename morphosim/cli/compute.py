@@ -194,11 +194,8 @@ def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
     from morphosim.runs.writer import RunWriter
     from morphosim.simulation.progress_bar import ProgressBar
 
-    scene = simulation.scene
-    writer = RunWriter(
-        output, scene.save_every, fields=scene.save_fields, labels=scene.save_labels, resume=resume
-    )
-    bar = ProgressBar(scene.duration)
+    writer = RunWriter.of(simulation.scene, output, resume)
+    bar = ProgressBar(simulation.scene.duration)
     status = 0
     try:
         simulation.run(observers=[writer, bar])

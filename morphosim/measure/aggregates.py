@@ -1,76 +1,113 @@
 """How cells hang together and how their types sort: figures of whole aggregates."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.measure.measurement import Measurement
+from morphosim.measure.variable import PER_CELL, PER_TIME, measured
 
 Real = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
 class Aggregates:
     """Aggregates of N cells: cells in contact, and those in contact with these.
 
-    Attributes
+    Parameters
     ----------
-    aggregate : (N,) int64
-        Number of each cell's aggregate; 0 is the one of most cells, then in the order of size.
-    radial_position : (N,) float64
-        Distance of a cell's centroid from the centre of mass of its aggregate, µm.
-    n_aggregates, single_cells, largest_aggregate : int
-        Aggregates, single cells among them, and cells of the largest.
-    sorting_index : float
-        Share of the contacts that are between cells of the same type; NaN without contacts.
-    radius_of_gyration : float
-        Of the largest aggregate, µm; √(3/5) R for a ball of radius R.
-    roundness : float
-        Shortest over longest semi-axis of the ellipsoid of the largest aggregate's second moments:
-        1 for a ball, 0.55 for half of one.
-    aggregate_sphericity : float
-        Surface of a ball of the largest aggregate's volume over its exposed surface. Cells that
-        bulge out make it less than 1.
+    cells : Measurement
+        Of these cells.
+    types : sequence of N texts
+        Their types.
     """
 
-    aggregate: Integers
-    radial_position: Real
-    n_aggregates: int
-    single_cells: int
-    largest_aggregate: int
-    sorting_index: float
-    radius_of_gyration: float
-    roundness: float
-    aggregate_sphericity: float
+    def __init__(self, cells: Measurement, types: Sequence[str]) -> None:
+        self.cells, self.types = cells, types
 
+    @measured(dims=PER_CELL, units="1", text="number of the cell's aggregate, 0 the largest")
+    def aggregate(self) -> Integers:
+        """(N,) number of each cell's aggregate; 0 is the one of most cells, then by size."""
+        return _components(len(self.types), self.cells.contacts)
 
-def aggregates(measured: Measurement, types: Sequence[str]) -> Aggregates:
-    """Aggregates of measured cells of these N types."""
-    members = _components(len(types), measured.contacts)
-    sizes, centres = np.bincount(members), _centres(measured, members)
-    exposed = measured.exposed_fraction * measured.surface_area
-    largest = members == 0
-    axes = _semi_axes(measured, largest)
-    kinds = np.asarray(types)[measured.contacts]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return Aggregates(
-            aggregate=members,
-            radial_position=np.linalg.norm(measured.centroid - centres[members], axis=1),
-            n_aggregates=len(sizes),
-            single_cells=int(np.count_nonzero(sizes == 1)),
-            largest_aggregate=int(sizes[0]),
-            sorting_index=float((kinds[:, 0] == kinds[:, 1]).mean()) if len(kinds) else np.nan,
-            radius_of_gyration=float(np.sqrt((axes**2).sum() / 5)),
-            roundness=float(axes[0] / axes[-1]),
-            aggregate_sphericity=float(
-                np.pi ** (1 / 3)
-                * (6 * measured.enclosed_volume[largest].sum()) ** (2 / 3)
-                / exposed[largest].sum()
-            ),
-        )
+    @measured(dims=PER_CELL, units="um", text="distance from the centre of the cell's aggregate")
+    def radial_position(self) -> Real:
+        """(N,) distance of a cell's centroid from its aggregate's centre of mass, µm."""
+        centres = _centres(self.cells, self.aggregate)
+        return np.asarray(np.linalg.norm(self.cells.centroid - centres[self.aggregate], axis=1))
+
+    @measured(dims=PER_TIME, units="1", text="number of aggregates of cells in contact", kind="i4")
+    def n_aggregates(self) -> int:
+        """Number of aggregates."""
+        return len(self._sizes)
+
+    @measured(dims=PER_TIME, units="1", text="number of cells without contact", kind="i4")
+    def single_cells(self) -> int:
+        """Number of single cells among them."""
+        return int(np.count_nonzero(self._sizes == 1))
+
+    @measured(dims=PER_TIME, units="1", text="number of cells of the largest aggregate", kind="i4")
+    def largest_aggregate(self) -> int:
+        """Number of cells of the largest."""
+        return int(self._sizes[0])
+
+    @measured(
+        dims=PER_TIME, units="1",
+        text="share of the contacts that are between cells of the same type",
+    )  # fmt: skip
+    def sorting_index(self) -> float:
+        """Share of the contacts that are between cells of the same type; NaN without contacts."""
+        kinds = np.asarray(self.types)[self.cells.contacts]
+        return float((kinds[:, 0] == kinds[:, 1]).mean()) if len(kinds) else np.nan
+
+    @measured(dims=PER_TIME, units="um", text="radius of gyration of the largest aggregate")
+    def radius_of_gyration(self) -> float:
+        """Radius of gyration of the largest, µm; √(3/5) R for a ball of radius R."""
+        return float(np.sqrt((self._semi_axes**2).sum() / 5))
+
+    @measured(
+        dims=PER_TIME, units="1",
+        text="shortest over longest semi-axis of the largest aggregate",
+    )  # fmt: skip
+    def roundness(self) -> float:
+        """Shortest over longest semi-axis of the ellipsoid of the largest one's second moments.
+
+        1 for a ball, 0.55 for half of one.
+        """
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return float(self._semi_axes[0] / self._semi_axes[-1])
+
+    @measured(
+        dims=PER_TIME, units="1",
+        text="surface of a ball of the largest aggregate's volume over its exposed surface",
+    )  # fmt: skip
+    def aggregate_sphericity(self) -> float:
+        """Surface of a ball of the largest one's volume over its exposed surface.
+
+        Cells that bulge out make it less than 1.
+        """
+        volume = self.cells.enclosed_volume[self._largest].sum()
+        exposed = self.cells.exposed_fraction * self.cells.surface_area
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ball = np.pi ** (1 / 3) * (6 * volume) ** (2 / 3)
+            return float(ball / exposed[self._largest].sum())
+
+    @cached_property
+    def _sizes(self) -> Integers:
+        """Cells of each aggregate."""
+        return np.bincount(self.aggregate)
+
+    @cached_property
+    def _largest(self) -> NDArray[np.bool_]:
+        """(N,) whether a cell is of the largest."""
+        return np.asarray(self.aggregate == 0)
+
+    @cached_property
+    def _semi_axes(self) -> Real:
+        """(3,) semi-axes of the largest, the shortest first, µm."""
+        return _semi_axes(self.cells, self._largest)
 
 
 def _components(count: int, contacts: Integers) -> Integers:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,19 @@ from morphosim.measure.contacts import (
     shared_out,
 )
 from morphosim.measure.surfaces import SURFACE
+from morphosim.measure.variable import PER_CELL, measured
 
 Real = NDArray[np.float64]
 MATRIX = np.array([[8, 11, 12], [11, 9, 13], [12, 13, 10]])
 """Places of the second moments among the moments of the kernel."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Measurement:
     """Measures of N cells and of the P pairs of them that are in contact.
+
+    What takes a pass over the fields is measured already, so that they may change; what follows
+    from it is computed when it is first asked for.
 
     The semi-axes and principal axes are those of the ellipsoid with the same second moments as the
     region where φ exceeds 1/2, its edge smoothed from 3/8 to 5/8. A cell whose φ is nowhere above
@@ -36,41 +41,98 @@ class Measurement:
 
     Attributes
     ----------
-    volume : (N,) float64
-        ∫ φ, µm³.
-    centroid : (N, 3) float64
-        ∫ r φ / ∫ φ, µm.
-    semi_axes : (N, 3) float64
-        From the longest to the shortest, µm.
-    principal_axes : (N, 3, 3) float64
-        Their directions as rows, of length 1; the largest component of each is positive.
-    surface_area : (N,) float64
-        Area of the surface φ = 1/2, µm².
-    enclosed_volume : (N,) float64
-        Volume V inside this surface, µm³.
-    sphericity : (N,) float64
-        π^(1/3) (6 V)^(2/3) / area: 1 for a ball, less for all else.
-    irregularity : (N,) float64
-        area^(1/2) / V^(1/3), η of Fig. S4: 2.20 for a ball, more for all else.
-    exposed_fraction : (N,) float64
-        Share of the surface on which contacts are measured that touches no other cell.
+    spacing : float
+        Lattice step, µm.
+    origin : (N, 3) int64
+        Lattice position of the first point of each box.
+    moments : (N, N_MOMENTS) float64
+        Sums of the kernel `moments`, in lattice steps.
+    surfaces : (2, N) float64
+        Area (µm²) of the surface φ = 1/2 of each cell, and the volume (µm³) inside it.
+    contact_surface : (N,) float64
+        Area of the surface on which contacts are measured, µm².
+    touched : (N,) float64
+        That part of it which touches any other cell, µm².
     contacts : (P, 2) int64
         Pairs i < j, sorted.
     contact_area : (P,) float64
         Their contact areas, µm²; see `contacts`.
     """
 
-    volume: Real
-    centroid: Real
-    semi_axes: Real
-    principal_axes: Real
-    surface_area: Real
-    enclosed_volume: Real
-    sphericity: Real
-    irregularity: Real
-    exposed_fraction: Real
+    spacing: float
+    origin: NDArray[np.int64]
+    moments: Real
+    surfaces: Real
+    contact_surface: Real
+    touched: Real
     contacts: NDArray[np.int64]
     contact_area: Real
+
+    @cached_property
+    def volume(self) -> Real:
+        """(N,) ∫ φ, µm³."""
+        return np.asarray(self.moments[:, 0] * self.spacing**3)
+
+    @cached_property
+    def centroid(self) -> Real:
+        """(N, 3) ∫ r φ / ∫ φ, µm."""
+        return _centroids(self.origin, self.moments, self.spacing)
+
+    @measured(dims=PER_CELL, units="um3", text="volume enclosed by the surface phi = 1/2")
+    def enclosed_volume(self) -> Real:
+        """(N,) volume V inside the surface φ = 1/2, µm³."""
+        return np.asarray(self.surfaces[1])
+
+    @measured(dims=PER_CELL, units="um2", text="area of the surface phi = 1/2")
+    def surface_area(self) -> Real:
+        """(N,) area of the surface φ = 1/2, µm²."""
+        return np.asarray(self.surfaces[0])
+
+    @measured(
+        dims=PER_CELL, units="1",
+        text="surface of a ball of the enclosed volume over the surface area",
+    )  # fmt: skip
+    def sphericity(self) -> Real:
+        """(N,) π^(1/3) (6 V)^(2/3) / area: 1 for a ball, less for all else."""
+        with np.errstate(invalid="ignore"):
+            ball = np.pi ** (1 / 3) * (6 * self.enclosed_volume) ** (2 / 3)
+            return np.asarray(ball / self.surface_area)
+
+    @measured(
+        dims=PER_CELL, units="1",
+        text="surface area^(1/2) / enclosed volume^(1/3) (eta of Fig. S4)",
+    )  # fmt: skip
+    def irregularity(self) -> Real:
+        """(N,) area^(1/2) / V^(1/3), η of Fig. S4: 2.20 for a ball, more for all else."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self.surface_area) / np.cbrt(self.enclosed_volume))
+
+    @measured(
+        dims=PER_CELL, units="1", text="share of the cell's surface that touches no other cell"
+    )
+    def exposed_fraction(self) -> Real:
+        """(N,) share of the surface on which contacts are measured that touches no other cell."""
+        with np.errstate(invalid="ignore"):
+            return np.maximum(1 - self.touched / self.contact_surface, 0)
+
+    @measured(
+        dims=(*PER_CELL, "principal"), units="um",
+        text="semi-axes of the ellipsoid of equal second moments",
+    )  # fmt: skip
+    def semi_axes(self) -> Real:
+        """(N, 3) semi-axes from the longest to the shortest, µm."""
+        return self._ellipsoids[0]
+
+    @measured(
+        dims=(*PER_CELL, "principal", "axis"), units="1", text="unit vectors along the semi-axes"
+    )
+    def principal_axes(self) -> Real:
+        """(N, 3, 3) directions of the semi-axes as rows; the largest component is positive."""
+        return self._ellipsoids[1]
+
+    @cached_property
+    def _ellipsoids(self) -> tuple[Real, Real]:
+        return _ellipsoids(self.moments, self.spacing)
 
 
 def measure(
@@ -100,21 +162,17 @@ def measure(
     """
     _validate.number("spacing", spacing, above=0)
     prepared = prepare(phi, origin, shape, start)
-    found = _moments(prepared.bounds, prepared.fields)
-    volume, centroid = found[:, 0] * spacing**3, _centroids(prepared.fields, found, spacing)
-    semi_axes, principal_axes = _ellipsoids(found, spacing)
-    area, enclosed = _surfaces(prepared, SURFACE, spacing)
-    with np.errstate(invalid="ignore"):
-        sphericity = np.pi ** (1 / 3) * (6 * enclosed) ** (2 / 3) / area
-        irregularity = np.sqrt(area) / np.cbrt(enclosed)
     pairs, contact_area, touched = pair_areas(prepared, spacing)
-    whole, _ = _surfaces(prepared, SURFACE_LEVEL, spacing)
-    with np.errstate(invalid="ignore"):
-        exposed = np.maximum(1 - touched / whole, 0)
     return Measurement(
-        volume, centroid, semi_axes, principal_axes, area, enclosed, sphericity, irregularity,
-        exposed, pairs, contact_area,
-    )  # fmt: skip
+        spacing=spacing,
+        origin=np.array(origin),  # the pool's own changes with the next step
+        moments=_moments(prepared.bounds, prepared.fields),
+        surfaces=_surfaces(prepared, SURFACE, spacing),
+        contact_surface=_surfaces(prepared, SURFACE_LEVEL, spacing)[0],
+        touched=touched,
+        contacts=pairs,
+        contact_area=contact_area,
+    )
 
 
 def centroids(
@@ -126,7 +184,7 @@ def centroids(
 ) -> Real:
     """Centroids alone, (N, 3) µm; parameters as for `measure`."""
     fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
-    return _centroids(fields, _moments(shared_out(shape), fields), spacing)
+    return _centroids(origin, _moments(shared_out(shape), fields), spacing)
 
 
 def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
@@ -134,11 +192,11 @@ def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
     return measure(*pack(fields), spacing)
 
 
-def _surfaces(prepared: Prepared, level: float, spacing: float) -> tuple[Real, Real]:
-    """Surface areas and enclosed volumes of φ = `level`."""
+def _surfaces(prepared: Prepared, level: float, spacing: float) -> Real:
+    """(2, N) areas of the surfaces φ = `level` in µm², and volumes inside them in µm³."""
     found = np.zeros((len(prepared.fields.start), 2))
     surfaces(prepared.bounds, prepared.fields, level, prepared.work, found)
-    return found[:, 0] * spacing**2, found[:, 1] * spacing**3
+    return np.stack([found[:, 0] * spacing**2, found[:, 1] * spacing**3])
 
 
 def _moments(bounds: NDArray[np.int64], fields: Fields) -> Real:
@@ -147,8 +205,8 @@ def _moments(bounds: NDArray[np.int64], fields: Fields) -> Real:
     return found
 
 
-def _centroids(fields: Fields, found: Real, spacing: float) -> Real:
-    return np.asarray((fields.origin + _mean(found[:, :4])) * spacing)
+def _centroids(origin: NDArray[np.int64], found: Real, spacing: float) -> Real:
+    return np.asarray((origin + _mean(found[:, :4])) * spacing)
 
 
 def _ellipsoids(found: Real, spacing: float) -> tuple[Real, Real]:

@@ -92,10 +92,7 @@ def _observers(
     simulation: Simulation, output: Path, resume: bool, bar: ProgressBar, before: Callable[[], None]
 ) -> list[Observer]:
     """What watches the run on rank 0."""
-    scene = simulation.scene
-    writer = RunWriter(
-        output, scene.save_every, fields=scene.save_fields, labels=scene.save_labels, resume=resume
-    )
+    writer = RunWriter.of(simulation.scene, output, resume)
     before()
     return [writer, bar]
 

@@ -7,5 +7,7 @@
 - `restart-000007.npz`: the whole state at the last save, from which the run goes on bit for bit.
 - `lock`: held while a process writes.
 
-`reader.open_run` gives one Dataset of all saves, `pack.pack` writes it into one file.
+`measured_state` says what is measured at a save, `schema` what else files hold. A reader goes by
+what the files say, so that it reads variables that it does not know: `reader.read_run` gives one
+Dataset of all saves, `pack.pack` writes it into one file.
 """

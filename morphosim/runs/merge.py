@@ -8,19 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.measure.variable import Variable
 from morphosim.runs.lazy_concat import Segment, chained
-from morphosim.runs.schema import ALL, CONTACT_LIST, CONTACT_MATRIX, LABELS, PHI_STEP
+from morphosim.runs.netcdf_variables import described
+from morphosim.runs.schema import (
+    CONTACT_LIST,
+    CONTACT_MATRIX,
+    COORDINATES,
+    GROUPS,
+    IN_GROUPS,
+    PHI_STEP,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
 
-LAZY = {"phi": "fields", "label": "labels"}
+LAZY = {name: group for group, held in GROUPS.items() for name in held if held[name].lazy}
 """Variables that are read when they are used, and their groups."""
-INDICES = {
-    "box_time": "time", "box_cell": "cell", "contact_time": "time", "contact_cell": "cell",
-    "contact_neighbour": "cell", "label_time": "time",
-}  # fmt: skip
-"""What counts within a save and must count within the run."""
 MATRIX = "contact_area"
 MOST_IN_MATRIX = 1 << 27
 """Numbers of a run's matrix of contacts (512 MB); beyond, contacts are a list."""
@@ -35,6 +39,7 @@ class Save:
     ----------
     table : variables of the root, without the matrix of contacts
     groups : variables of the groups, without the lazy ones; contacts are a list in any case
+    variables : what the file says of all of them
     matrix : whether contacts are a matrix in the file
     lengths : values of the lazy variables
     packed : whether the fields are whole multiples of `PHI_STEP`
@@ -44,6 +49,7 @@ class Save:
     path: Path
     table: Table
     groups: Mapping[str, Table]
+    variables: Mapping[str, Variable]
     matrix: bool
     lengths: Mapping[str, int]
     packed: bool
@@ -65,6 +71,10 @@ class Save:
                 path=path,
                 table=table,
                 groups=groups,
+                variables={
+                    name: described(variable) for group in (file, *file.groups.values())
+                    for name, variable in group.variables.items()
+                },
                 matrix=areas is not None,
                 lengths={
                     name: len(file[group][name]) for name, group in LAZY.items()
@@ -85,33 +95,64 @@ def _values(group: Any) -> Table:
 
 
 def merged(paths: Sequence[Path]) -> "xr.Dataset":
-    """One Dataset of all saves; cells in the order in which they first appear."""
+    """One Dataset of all saves; cells in the order in which they first appear.
+
+    Raises
+    ------
+    ValueError
+        Saves hold different variables of one name.
+    """
     import xarray as xr
 
     saves = _kept([Save.read(path) for path in paths])
     place = {name: k for k, name in enumerate(dict.fromkeys(n for s in saves for n in s.cells))}
     columns = [np.array([place[name] for name in save.cells]) for save in saves]
-    names = np.array(list(place))
+    table = _tables(saves, columns, list(place))
+    stored = _stored(saves)
+    variables: dict[str, tuple[Any, ...]] = {
+        name: (stored[name].dims, value, stored[name].attributes) for name, value in table.items()
+    }
+    for name in LAZY:
+        if any(name in save.lengths for save in saves):
+            values = _chain(saves, columns, name)
+            encoding = _encoding(saves) if name == "phi" else {}
+            variables[name] = (stored[name].dims, values, stored[name].attributes, encoding)
+    names = [name for name in ("time", *COORDINATES) if name in variables]
+    coordinates = {name: variables.pop(name) for name in names}
+    parent = variables.pop("parent")
+    return xr.Dataset(variables | {"parent": parent}, coordinates, saves[-1].attributes)
+
+
+def _tables(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], names: list[str]) -> Table:
+    """All variables that are not lazy, over all saves and these cells."""
     table = {name: saves[0].table[name] for name in ("axis", "principal")}
-    table |= {"cell": names, "neighbour": names}
-    table |= _stacked(saves, columns, len(place))
-    if all(save.matrix for save in saves) and len(saves) * len(place) ** 2 <= MOST_IN_MATRIX:
-        table |= {MATRIX: _matrix(saves, columns, len(place))}
+    table |= {"cell": np.array(names), "neighbour": np.array(names)}
+    for name in dict.fromkeys(name for save in saves for name in save.table):
+        if name not in COORDINATES:
+            table[name] = _stacked(name, saves, columns, len(names))
+    if all(save.matrix for save in saves) and len(saves) * len(names) ** 2 <= MOST_IN_MATRIX:
+        table |= {MATRIX: _matrix(saves, columns, len(names))}
     else:
         del table["neighbour"]
         table |= _pairs(saves, columns)
-    for group in ("fields", "labels"):
-        table |= _joined(saves, columns, group)
-    variables = {name: _variable(name, value) for name, value in table.items()}
-    for name, group in LAZY.items():
-        if any(group in save.groups for save in saves):
-            packed = all(save.packed for save in saves if "fields" in save.groups)
-            packing = {"dtype": "int16", "scale_factor": np.float32(PHI_STEP)}
-            encoding = packing if packed and name == "phi" else {}
-            variables[name] = (*_variable(name, _chain(saves, columns, name)), encoding)
-    coordinates = {name: variables.pop(name) for name in ("time", *LABELS) if name in variables}
-    parent = coordinates.pop("parent")
-    return xr.Dataset(variables | {"parent": parent}, coordinates, saves[-1].attributes)
+    for group in dict.fromkeys(group for save in saves for group in save.groups):
+        if group != "contacts":
+            table |= _joined(saves, columns, group)
+    return table
+
+
+def _stored(saves: Sequence[Save]) -> dict[str, Variable]:
+    """What the files say of each variable, the last one first; contacts may be in another form."""
+    stored = CONTACT_MATRIX | CONTACT_LIST
+    for save in saves:
+        stored |= save.variables
+    return stored
+
+
+def _encoding(saves: Sequence[Save]) -> dict[str, Any]:
+    """How the fields are stored, if it is alike in all saves."""
+    packed = all(save.packed for save in saves if "fields" in save.groups)
+    return {"dtype": "int16", "scale_factor": np.float32(PHI_STEP)} if packed else {}
 
 
 def _kept(saves: Sequence[Save]) -> list[Save]:
@@ -123,33 +164,42 @@ def _kept(saves: Sequence[Save]) -> list[Save]:
     return kept[::-1]
 
 
-def _variable(name: str, value: Any) -> tuple[Any, ...]:
-    return ALL[name].dims, value, ALL[name].attributes
+def _stacked(
+    name: str, saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int
+) -> NDArray[Any]:
+    """Variable of the root over all saves and cells; absent are NaN and ""."""
+    having = [save for save in saves if name in save.table]
+    _check_alike(name, having)
+    sizes = {"time": len(saves), "cell": count, "neighbour": count}
+    dims, first = having[0].variables[name].dims, having[0].table[name]
+    shape = [sizes.get(d, n) for d, n in zip(dims, first.shape, strict=True)]
+    dtype = np.result_type(*(save.table[name].dtype for save in having))
+    full = _absent(
+        shape, np.dtype(float) if dtype.kind == "i" and len(having) < len(saves) else dtype
+    )
+    for k, (save, column) in enumerate(zip(saves, columns, strict=True)):
+        if name in save.table:
+            here = {"time": np.array([k]), "cell": column, "neighbour": column}
+            index = [here.get(d, np.arange(n)) for d, n in zip(dims, shape, strict=True)]
+            full[np.ix_(*index)] = save.table[name]
+    return full.astype(str) if full.dtype == object else full
 
 
-def _stacked(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int) -> Table:
-    """Variables of the root that have a time or a cell, over all cells and saves."""
-    present = {name: value for save in saves for name, value in save.table.items()}
-    result: Table = {}
-    for name, value in present.items():
-        dims = ALL[name].dims
-        if name in LABELS and name != "parent":
-            continue
-        sizes = {"time": len(saves), "cell": count, "neighbour": count}
-        shape = [sizes.get(d, n) for d, n in zip(dims, value.shape, strict=True)]
-        result[name] = full = _absent(shape, value.dtype)
-        for k, (save, column) in enumerate(zip(saves, columns, strict=True)):
-            if name in save.table:
-                here = {"time": np.array([k]), "cell": column, "neighbour": column}
-                index = [here.get(d, np.arange(n)) for d, n in zip(dims, shape, strict=True)]
-                full[np.ix_(*index)] = save.table[name]
-        if full.dtype == object:
-            result[name] = full.astype(str)
-    return result
+def _check_alike(name: str, having: Sequence[Save]) -> None:
+    """Raise ValueError unless a variable is of one form in all saves that have it."""
+    first = having[0]
+    for save in having:
+        before, now = first.variables[name].form, save.variables[name].form
+        if before != now:
+            message = (
+                f"variable {name!r} is {before} in {first.path} and {now} in {save.path}; give one "
+                "of the two another name"
+            )
+            raise ValueError(message)
 
 
 def _absent(shape: Sequence[int], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Array of what stands for a cell that is not there."""
+    """Array of what stands for a cell, or a variable, that is not there."""
     if dtype.kind in "OU":
         return np.full(shape, "", dtype=object)
     return np.full(shape, np.nan if dtype.kind == "f" else 0, dtype)
@@ -162,12 +212,13 @@ def _joined(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], group: 
         if group not in save.groups:
             continue
         part = dict(save.groups[group])
-        for name in part.keys() & INDICES:
-            part[name] = np.full_like(part[name], k) if INDICES[name] == "time" else (
-                column[part[name]].astype(part[name].dtype)
-            )  # fmt: skip
+        for name in part.keys() & IN_GROUPS:
+            if IN_GROUPS[name].index == "time":
+                part[name] = np.full_like(part[name], k)
+            elif IN_GROUPS[name].index == "cell":
+                part[name] = column[part[name]].astype(part[name].dtype)
         parts.append(part)
-    return {name: np.concatenate([p[name] for p in parts]) for name in (parts[0] if parts else ())}
+    return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
 
 def _list_of(areas: NDArray[Any]) -> Table:

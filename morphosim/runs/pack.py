@@ -1,16 +1,17 @@
 """A run in one file."""
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from morphosim._files import replacing, writable
+from morphosim.measure.variable import Variable
 from morphosim.progress import Tell
 from morphosim.runs.directory import RunDirectory
+from morphosim.runs.netcdf_variables import create, pack_phi, write_texts
 from morphosim.runs.reader import read_run
-from morphosim.runs.save_file import create, pack_phi, write_texts
-from morphosim.runs.schema import ALL
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,18 +53,25 @@ def _write(run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
         if files.scene.exists():
             file.setncattr("scene_toml", files.scene.read_text(encoding="utf-8"))
         total, done = sum(variable.size for variable in run.variables.values()), 0
-        for name, variable in run.variables.items():
-            if ALL[str(name)].kind is str:
-                write_texts(file, str(name), ALL[str(name)], variable.values)
-                done += variable.size
-                continue
-            packed = variable.encoding.get("dtype") == "int16"
-            stored = np.dtype(np.int16) if packed else variable.dtype
-            kind = stored if name == "phi" else ALL[str(name)].kind
-            created = create(file, str(name), ALL[str(name)], variable.shape, kind)
-            for first in range(0, len(variable), BLOCK):
-                values = variable[first : first + BLOCK].values
-                created[first : first + BLOCK] = pack_phi(values) if packed else values
-                done += values.size
+        for name, values in run.variables.items():
+            for count in _copied(file, str(name), values):
+                done += count
                 if tell is not None:
                     tell(done, total)
+
+
+def _copied(file: Any, name: str, values: "xr.Variable") -> Iterator[int]:
+    """Copy a variable block by block; how many values each had."""
+    dims = tuple(map(str, values.dims))
+    variable = Variable.stored(dims, values.dtype, values.attrs)
+    if values.dtype.kind in "OU":
+        write_texts(file, name, variable, values.values)
+        yield values.size
+        return
+    packed = values.encoding.get("dtype") == "int16"
+    kind = np.dtype(np.int16) if packed else values.dtype
+    created = create(file, name, variable, values.shape, kind)
+    for first in range(0, len(values), BLOCK):
+        block = values[first : first + BLOCK].values
+        created[first : first + BLOCK] = pack_phi(block) if packed else block
+        yield block.size

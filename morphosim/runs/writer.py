@@ -4,19 +4,21 @@ import logging
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim._files import replacing
 from morphosim.errors import SaveError
+from morphosim.measure.motion import Positions
+from morphosim.measure.variable import VariableError
 from morphosim.runs.directory import RunDirectory
+from morphosim.runs.measured_state import MeasuredState, variables
+from morphosim.runs.netcdf_variables import stored_variables
 from morphosim.runs.observed import Observed
 from morphosim.runs.save_file import step_of, write_save
 from morphosim.scene.file import save_scene
-from morphosim.scene.scene import SAVE_FIELDS
+from morphosim.scene.scene import SAVE_FIELDS, Scene
 from morphosim.scene.stages import check_interval
 
 _log = logging.getLogger(__name__)
@@ -74,6 +76,14 @@ class RunWriter:
             self._check_free()
         self._make_folder()
 
+    @classmethod
+    def of(cls, scene: Scene, directory: str | Path, resume: bool = False) -> "RunWriter":
+        """Writer that saves when, and what, a scene says."""
+        return cls(
+            directory, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
+            resume=resume,
+        )  # fmt: skip
+
     @property
     def directory(self) -> Path:
         """Directory of the run."""
@@ -94,7 +104,7 @@ class RunWriter:
         """Save if a save is due."""
         steps = simulation.steps
         if steps == self._measured_from:
-            self._marks.append(_Since(simulation, simulation.centroids))
+            self._marks.append(_positions(simulation))
         if steps >= self._due:
             self._save(simulation)
             self._plan(simulation)
@@ -128,7 +138,7 @@ class RunWriter:
         self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
         self._number = self.files.last
         self._saved = simulation.steps if self.files.saves else -1
-        self._marks = deque([_Since(simulation, simulation.centroids)], maxlen=4)
+        self._marks = deque([_positions(simulation)], maxlen=4)
         if not self.resume:
             self._write_scene(simulation)
         self._plan(simulation)
@@ -157,8 +167,12 @@ class RunWriter:
             raise FileExistsError(message)
 
     def _check_fits(self, simulation: Observed) -> None:
-        """Raise ValueError unless the simulation is at the last save."""
-        saved = step_of(self.files.save(self.files.last)) if self.files.saves else 0
+        """Raise ValueError unless the simulation is at the last save, with the same variables."""
+        saved = 0
+        if self.files.saves:
+            last = self.files.save(self.files.last)
+            saved = step_of(last)
+            _check_variables(last)
         if saved != simulation.steps:
             message = (
                 f"{self.directory} was last saved at step {saved}, the simulation is at step "
@@ -187,28 +201,30 @@ class RunWriter:
         if simulation.steps == self._saved and not anew:
             return
         number = self._number + 1
-        measured = simulation.measured()
-        speeds = self._speeds(simulation, measured.centroid)
         events = "; ".join(text for _, text in simulation.events[self._told[-1][1] :])
-        state = self._other.submit(simulation.checkpoint().write, self.files.restart(number))
+        state = MeasuredState(simulation, self._mark_before(simulation.time), events)
         try:
-            with replacing(self.files.save(number)) as partial:
-                write_save(partial, simulation, measured, speeds, events, self.fields, self.labels)
-                state.result()  # a save appears after its state
-        except OSError as error:
+            self._write(number, state)
+        except (OSError, VariableError) as error:
             self._failed = True
             raise self._error(simulation, error) from error
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.steps
         self._told.append((simulation.steps, len(simulation.events)))
-        self._marks.append(_Since(simulation, measured.centroid))
+        self._marks.append(state.positions)
 
-    def _speeds(self, simulation: Observed, centroids: NDArray[np.float64]) -> Any:
-        """(N,) speeds since the last mark that lies in the past; NaN where there is none."""
-        marks = [mark for mark in self._marks if mark.time < simulation.time]
-        if not marks:
-            return np.full(len(centroids), np.nan)
-        return max(marks, key=lambda mark: mark.time).speeds(simulation, centroids)
+    def _write(self, number: int, state: MeasuredState) -> None:
+        """Write a save and, at the same time, the checkpoint to go on from."""
+        with replacing(self.files.save(number)) as partial:
+            checkpoint = state.simulation.checkpoint()
+            kept = self._other.submit(checkpoint.write, self.files.restart(number))
+            write_save(partial, state, self.fields, self.labels)
+            kept.result()  # a save appears after the checkpoint
+
+    def _mark_before(self, time: float) -> Positions | None:
+        """Where cells were at the last mark that lies in the past."""
+        marks = [mark for mark in self._marks if mark.time < time]
+        return max(marks, key=lambda mark: mark.time, default=None)
 
     def _drop(self, number: int, steps: int) -> None:
         """Delete saves from this number down that are beyond a step."""
@@ -216,25 +232,34 @@ class RunWriter:
             self.files.save(number).unlink()
             number -= 1
 
-    def _error(self, simulation: Observed, error: OSError) -> SaveError:
+    def _error(self, simulation: Observed, error: OSError | VariableError) -> SaveError:
+        cause = getattr(error, "strerror", None) or error
+        hint = (
+            f"Make room or allow writing, then go on with: morphosim run --resume {self.directory}"
+        )
+        if isinstance(error, VariableError):
+            hint = (
+                "Correct its function, then go on with "
+                f"Simulation.from_run({str(self.directory)!r})"
+            )
         message = (
-            f"cannot save t = {simulation.time:g} in {self.directory}: {error.strerror or error}. "
-            f"All {len(self.files.saves)} saves before are whole. Make room or allow writing, then "
-            f"go on with: morphosim run --resume {self.directory}"
+            f"cannot save t = {simulation.time:g} in {self.directory}: {cause}. "
+            f"All {len(self.files.saves)} saves before are whole. {hint}"
         )
         return SaveError(message)
 
 
-class _Since:
-    """Where the cells were at some step, to measure their speed from."""
+def _check_variables(save: Path) -> None:
+    """Raise ValueError if a variable has another form now than in a save: no table holds both."""
+    stored = stored_variables(save)
+    for name, variable in variables().items():
+        if name in stored and stored[name].form != variable.form:
+            message = (
+                f"variable {name!r} is declared as {variable.form} and is {stored[name].form} in "
+                f"{save}; give the function another name"
+            )
+            raise ValueError(message)
 
-    def __init__(self, simulation: Observed, centroids: NDArray[np.float64]) -> None:
-        self.time = simulation.time
-        self.centroids = dict(zip(simulation.names, centroids, strict=True))
 
-    def speeds(self, simulation: Observed, centroids: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) mean speed of each cell since then, µm per time; NaN where it was not there."""
-        nowhere = np.full(3, np.nan)
-        before = np.array([self.centroids.get(name, nowhere) for name in simulation.names])
-        moved = np.linalg.norm(centroids - before, axis=1)
-        return np.asarray(moved / (simulation.time - self.time))
+def _positions(simulation: Observed) -> Positions:
+    return Positions(simulation.time, simulation.names, simulation.centroids)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphosim import _validate
-from morphosim.runs.schema import CONTACT_MATRIX, PER_TIME
+from morphosim.runs.measured_state import variables
+from morphosim.runs.schema import CONTACT_MATRIX
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 OVER_TIME = "(time)"
 """Ending of a variable that is wanted at all saves."""
 _NO_FIGURES = ("time",)
-VARIABLES = [n for n in PER_TIME | CONTACT_MATRIX if n not in _NO_FIGURES]
+VARIABLES = [n for n in variables() | CONTACT_MATRIX if n not in _NO_FIGURES]
 Function = Callable[["xr.Dataset"], Any]
 
 

@@ -117,12 +117,7 @@ class Task:
             if not (self.keep_runs or any(figure.computed for figure in self.figures)):
                 scene = replace(scene, save_fields="none", save_labels=False)
             simulation = Simulation(scene)
-        scene = simulation.scene
-        writer = RunWriter(
-            folder, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
-            resume=going_on,
-        )  # fmt: skip
-        simulation.run(observers=[writer])
+        simulation.run(observers=[RunWriter.of(simulation.scene, folder, going_on)])
 
     def _begun(self, folder: Path) -> Simulation | None:
         """Simulation at the last save of an earlier attempt, or None where it cannot go on."""

@@ -20,8 +20,7 @@ from morphosim import (
     pack,
 )
 from morphosim.runs import lazy_concat as lazy
-from morphosim.runs import merge
-from morphosim.runs import save_file as savefile
+from morphosim.runs import merge, netcdf_variables, save_file
 from morphosim.runs.schema import CONTACT_MATRIX
 
 
@@ -91,7 +90,7 @@ def test_contacts_are_a_list_beyond_many_cells(
 ) -> None:
     dense = tmp_path / "dense"
     simulation().run(until=2, observers=[RunWriter(dense, 2)])
-    monkeypatch.setattr(savefile, "MOST_DENSE_CELLS", 2)
+    monkeypatch.setattr(save_file, "MOST_DENSE_CELLS", 2)
     simulation().run(until=2, observers=[RunWriter(tmp_path / "list", 2)])
     with open_run(dense) as data:
         areas = data["contact_area"].values
@@ -125,7 +124,7 @@ def test_contacts_of_long_runs_are_a_list(changing: Path, monkeypatch: pytest.Mo
 
 def test_a_packed_run_is_read_time_by_time(tmp_path: Path) -> None:
     with netCDF4.Dataset(tmp_path / "packed.nc", "w") as file:
-        created = savefile.create(
+        created = netcdf_variables.create(
             file, "contact_area", CONTACT_MATRIX["contact_area"], (400, 300, 300), "f4"
         )
         assert created.chunking() == [1, 300, 300]

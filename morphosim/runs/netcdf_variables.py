@@ -1,0 +1,93 @@
+"""Variables in netCDF files: how they are stored, and how a file describes them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.measure.variable import Variable
+from morphosim.runs.schema import PHI_STEP
+
+Values = dict[str, Any]
+CHUNK = 1 << 15
+"""Values per chunk of compressed fields."""
+ENCODING, SCALE = "_Encoding", "scale_factor"
+"""Attributes that say how values are stored, and nothing of what they are."""
+
+
+def write_variables(group: Any, variables: Mapping[str, Variable], values: Values) -> None:
+    """Write those variables of a group that have values, with their dimensions."""
+    for name, given in values.items():
+        variable, value = variables[name], np.asarray(given)
+        if variable.kind is str:
+            write_texts(group, name, variable, value)
+        else:
+            kind = value.dtype if variable.lazy else variable.kind
+            create(group, name, variable, value.shape, kind)[:] = value
+
+
+def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], kind: Any) -> Any:
+    """Add one variable to a netCDF group, compressed where that pays; values are written raw.
+
+    A phase field of whole numbers takes the values of `pack_phi`.
+    """
+    _require(group, variable.dims, shape)
+    options: dict[str, Any] = {}
+    if np.prod(shape) > CHUNK // 8:
+        chunks = [min(n, CHUNK) for n in shape]
+        if variable.dims[0] == "time":  # one time is what is read at once
+            chunks[0] = max(1, min(chunks[0], CHUNK // int(np.prod(shape[1:]))))
+        options = {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+    attributes = variable.attributes
+    if name == "phi" and np.dtype(kind).kind == "i":
+        attributes[SCALE] = np.float32(PHI_STEP)
+    created = group.createVariable(name, kind, variable.dims, **options)
+    created.set_auto_maskandscale(False)
+    created.setncatts(attributes)
+    return created
+
+
+def write_texts(group: Any, name: str, variable: Variable, value: NDArray[Any]) -> None:
+    """Add one variable of texts, as CF's arrays of characters.
+
+    Strings of variable length crash the HDF5 library when one file is open twice.
+    """
+    texts = np.char.encode(value.astype(str), "utf-8")
+    length = max(texts.dtype.itemsize, 1)
+    dims = (*variable.dims, f"text{length}")
+    _require(group, dims, (*value.shape, length))
+    created = group.createVariable(name, "S1", dims, zlib=value.size > CHUNK // 8)
+    created.setncatts(variable.attributes | {ENCODING: "utf-8"})
+    created.set_auto_chartostring(False)
+    characters = np.ascontiguousarray(texts.astype(f"S{length}")).view("S1")
+    created[:] = characters.reshape(*value.shape, length)
+
+
+def _require(group: Any, dims: Sequence[str], shape: Sequence[int]) -> None:
+    for dimension, size in zip(dims, shape, strict=True):
+        if dimension not in group.dimensions:
+            group.createDimension(dimension, size)
+
+
+def pack_phi(phi: NDArray[np.floating]) -> NDArray[np.int16]:
+    """Phase field as whole multiples of `PHI_STEP`."""
+    return np.rint(phi * phi.dtype.type(1 / PHI_STEP)).astype(np.int16)
+
+
+def stored_variables(path: Path) -> dict[str, Variable]:
+    """Variables of the root of a file."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        return {name: described(variable) for name, variable in file.variables.items()}
+
+
+def described(variable: Any) -> Variable:
+    """What a file says of one of its netCDF variables, whatever has written it."""
+    attributes = {name: variable.getncattr(name) for name in variable.ncattrs()}
+    attributes.pop(SCALE, None)
+    characters = attributes.pop(ENCODING, None) is not None
+    dims = variable.dimensions[:-1] if characters else variable.dimensions
+    return Variable.stored(dims, str if characters else variable.dtype, attributes)
