@@ -102,7 +102,7 @@ def test_a_quasi_steady_stage_ends_with_the_state_of_the_minimum(
 ) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
     monkeypatch.setattr(
-        "morphosim.simulation.stage_runner.Progress._speed", lambda *_: next(speeds)
+        "morphosim.simulation.stage_runner.root_mean_square", lambda _: next(speeds)
     )
     chosen = scene(Stage(name="q", end=QuasiSteady()))
     simulation = Simulation(chosen)
@@ -133,7 +133,7 @@ def test_what_a_stage_undoes_has_not_happened(
 ) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
     monkeypatch.setattr(
-        "morphosim.simulation.stage_runner.Progress._speed", lambda *_: next(speeds)
+        "morphosim.simulation.stage_runner.root_mean_square", lambda _: next(speeds)
     )
     rules = [Rename(28.0, "early"), Rename(30.0, "now"), Rename(36.0, "late")]
     chosen = scene(Stage(name="q", end=QuasiSteady(), rules=rules, rules_every=2.0))
@@ -245,7 +245,7 @@ def test_a_file_says_what_a_stage_resets(tmp_path: Path) -> None:
 def test_a_stage_that_goes_back_keeps_changes_before(monkeypatch: pytest.MonkeyPatch) -> None:
     speeds = iter([5.0, 3.0, 2.0, 4.0])
     monkeypatch.setattr(
-        "morphosim.simulation.stage_runner.Progress._speed", lambda *_: next(speeds)
+        "morphosim.simulation.stage_runner.root_mean_square", lambda _: next(speeds)
     )
 
     def course(time: float) -> float:
@@ -306,3 +306,19 @@ def test_stages_are_checked_when_made() -> None:
         Stage(name="s", end="steady")
     with pytest.raises(TypeError, match="is no event"):
         Stage(name="s", end=Steady(), events=["divide"])
+
+
+def test_an_end_that_needs_no_speeds_measures_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The centroids of all cells cost a growing tissue a quarter of its time."""
+
+    def fail(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("morphosim.engine.engine.centroids", fail)
+    ends = [Duration(20), When(lambda simulation: simulation.time >= 30)]
+    stages = [Stage(name=str(k), end=end) for k, end in enumerate(ends)]
+    simulation = Simulation(scene(*stages))
+    simulation.run(until=40)
+    assert simulation.stages_ended == 2
+    with pytest.raises(AssertionError):
+        Simulation(scene(Stage(name="q", end=Steady()))).run(until=12)

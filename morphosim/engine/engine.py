@@ -161,6 +161,10 @@ class Engine:
         """Field of one cell: a view, valid until the next step."""
         return CellField(self.cells["name"][row], self.pool.origin[row], self.pool.box(row))
 
+    def column(self, name: str) -> NDArray[Any]:
+        """(N, …) values of a column of the cell table."""
+        return self.cells[name]
+
     def measured(self) -> Measurement:
         """Shapes and contacts of all cells, measured on the engine's threads."""
         pool = self.pool

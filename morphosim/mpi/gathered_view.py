@@ -87,6 +87,11 @@ class GatheredView:
         """Copies of the cells' fields, fetched from their ranks when they are looked at."""
         return _Fields(self)
 
+    def column(self, name: str) -> NDArray[Any]:
+        """See `Engine`: of all cells."""
+        values = self.everyone[name] if name in self.everyone else self._table[name]
+        return np.asarray(values)
+
     def measured(self) -> Measurement:
         """See `Engine`: of all cells, on this rank's threads."""
         pool = self.pool
@@ -131,12 +136,9 @@ class GatheredView:
             getattr(self, what)(everyone=False)
 
     def gather_table(self, everyone: bool) -> dict[str, NDArray] | None:
-        """Surveys and certificate of all cells."""
+        """What ranks know of their cells alone."""
         local, own = self.local, self.local.owned
-        part = {
-            "rows": local.rows[own], "surveys": local.pool.surveys[own],
-            "lost": local.pool.lost[own], "face_peak": local.face_peak[own],
-        }  # fmt: skip
+        part = {"rows": local.rows[own]} | local.cells.select(own, local.own_columns)
         parts = state_transfer.gather(self.comm, part, everyone)
         return None if parts is None else _in_order(parts)
 

@@ -1,7 +1,7 @@
 """What a writer may ask of a simulation."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +97,9 @@ class Observed(Protocol):
     @property
     def lost_volume(self) -> Floats:
         """Certificate: ∫ φ that boxes and bands have cut off so far, µm³."""
+
+    def column(self, name: str) -> NDArray[Any]:
+        """(N, …) values of a column of the cell table, such as the state of a force term."""
 
     def measured(self) -> Measurement:
         """Shapes and contacts of all cells, measured on the simulation's threads."""

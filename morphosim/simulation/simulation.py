@@ -24,7 +24,7 @@ from morphosim.simulation.changes import Changes, used_names
 from morphosim.simulation.interrupts import deferred_interrupts
 from morphosim.simulation.living import LivingCells
 from morphosim.simulation.observers import Observer
-from morphosim.simulation.stage_runner import Progress
+from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.volumes import VolumeFunctions
 
@@ -79,13 +79,13 @@ class Simulation(Changes):
     events: list[tuple[float, str]] = field(init=False, default_factory=list)
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
-    _progress: Progress = field(init=False)
+    _stages: StageRunner = field(init=False)
     _settings: dict[str, Any] = field(init=False)
 
     def __post_init__(self, state: Checkpoint | None) -> None:
         scene = self.scene
         scene.check_stages()
-        self._progress = Progress(scene.stages)
+        self._stages = StageRunner(scene.stages)
         self._settings = settings(scene)
         self._volumes = VolumeFunctions(
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
@@ -95,7 +95,7 @@ class Simulation(Changes):
             self._start()
         else:
             self._take_over(state)
-            self._progress.restore(state)
+            self._stages.restore(state)
         stability.check(scene)
         self.engine.settle()
 
@@ -147,7 +147,7 @@ class Simulation(Changes):
 
     def checkpoint(self, alone: bool = False) -> Checkpoint:
         """The whole present state; `alone`, without how far the stages are."""
-        progress = None if alone or not self.scene.stages else self._progress
+        stages = None if alone or not self.scene.stages else self._stages
         arrays = self.engine.contents()
         return Checkpoint(
             physics=physics_table(self.physics),
@@ -155,10 +155,10 @@ class Simulation(Changes):
             stage=self.stage,
             removed=tuple(self.removed),
             settings=self._settings,
-            arrays=arrays if progress is None else arrays | {"check": progress.centroids},
+            arrays=arrays if stages is None else arrays | {"check": stages.centroids},
             volumes=self._volumes.said(),
-            progress=None if progress is None else progress.facts(),
-            back=None if progress is None else progress.back,
+            progress=None if stages is None else stages.facts(),
+            back=None if stages is None else stages.back,
         )
 
     def go_back(self, state: Checkpoint) -> None:
@@ -202,13 +202,13 @@ class Simulation(Changes):
     @property
     def stages_ended(self) -> int:
         """Number of the scene's stages that have ended."""
-        return self._progress.index
+        return self._stages.index
 
     @property
     def finished(self) -> bool:
         """Whether the scene's duration, or the last of its stages, is over."""
         over = self.engine.steps >= self.scene.numerics.steps_to(self.scene.duration)
-        return over or (bool(self.scene.stages) and self._progress.done)
+        return over or (bool(self.scene.stages) and self._stages.done)
 
     @property
     def cells(self) -> LivingCells:
@@ -266,6 +266,10 @@ class Simulation(Changes):
         """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
         return self.engine.centroids
 
+    def column(self, name: str) -> NDArray[Any]:
+        """(N, …) values of a column of the cell table, such as the state of a force term."""
+        return self.engine.column(name)
+
     def measured(self) -> Measurement:
         """Shapes and contacts of all cells, measured on the simulation's threads."""
         return self.engine.measured()
@@ -314,10 +318,10 @@ class Simulation(Changes):
                 observer.start(self)
                 started.append(observer)
             with self.engine.limited_threads(), deferred_interrupts() as check_interrupt:
-                while self.engine.steps < last and not (staged and self._progress.done):
-                    self._progress.begin(self)
+                while self.engine.steps < last and not (staged and self._stages.done):
+                    self._stages.begin(self)
                     self._step()
-                    if staged and self._progress.after_step(self):
+                    if staged and self._stages.after_step(self):
                         for observer in observers:
                             getattr(observer, "stage_ended", observer.after_step)(self)
                     else:

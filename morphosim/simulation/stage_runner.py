@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.measure.motion import Positions, root_mean_square
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene.stages import Stage, check_interval
 from morphosim.scene.target import Target
@@ -34,7 +35,7 @@ class Staged(Target, Protocol):
 
 
 @dataclass(slots=True)
-class Progress:
+class StageRunner:
     """Where a simulation is in its stages, and what tells when the present one ends.
 
     Attributes
@@ -45,7 +46,8 @@ class Progress:
     begun : int
         Steps taken when it began; -1 before its start.
     speeds : v̄ at the checks so far
-    names, centroids : of the cells at the last check
+    last : Positions or None
+        Where the cells were at the last check, if the stage's end looks at speeds.
     back : Checkpoint or None
         State at the last check, where the stage may end with it.
     told : int
@@ -56,8 +58,7 @@ class Progress:
     index: int = 0
     begun: int = -1
     speeds: list[float] = field(default_factory=list)
-    names: tuple[str, ...] = ()
-    centroids: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    last: Positions | None = None
     back: Checkpoint | None = None
     told: int = 0
 
@@ -77,17 +78,18 @@ class Progress:
             simulation.change_physics(**stage.physics)
         self._apply_rules(simulation, stage)
         simulation.stage = stage.name
-        self.begun, self.speeds, self.back = simulation.steps, [], None
+        self.begun, self.speeds = simulation.steps, []
         self._look(simulation, stage)
 
     def after_step(self, simulation: Staged) -> bool:
         """Whether the present stage ends with this step, which may take the simulation back."""
         stage, dt = self.stages[self.index], simulation.dt
         steps = simulation.steps - self.begun
-        elapsed, interval = steps * dt, check_interval(dt)
-        check = steps % interval == 0
-        if check:
-            self.speeds.append(self._speed(simulation, interval * dt))
+        elapsed = steps * dt
+        check = steps % check_interval(dt) == 0
+        if check and self.last is not None:
+            moved = _positions(simulation).distance(self.last)
+            self.speeds.append(root_mean_square(moved) / (simulation.time - self.last.time))
         ended = (check or stage.end.every_step) and stage.end.reached(
             self.speeds, elapsed, simulation
         )
@@ -97,7 +99,7 @@ class Progress:
         elif check:
             self._look(simulation, stage)
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
-            self.index, self.begun, self.back = self.index + 1, -1, None
+            self.index, self.begun, self.last, self.back = self.index + 1, -1, None, None
             return True
         if steps % max(round(stage.rules_every / dt), 1) == 0:
             self._apply_rules(simulation, stage)
@@ -108,31 +110,35 @@ class Progress:
             rule.apply(simulation)
 
     def _look(self, simulation: Staged, stage: Stage) -> None:
-        """Remember where the cells are, and the state if the stage may end with it."""
-        self.names, self.centroids = tuple(simulation.names), simulation.centroids
+        """Remember where the cells are, and the state, as far as the stage's end needs them."""
+        uses_speeds = getattr(stage.end, "uses_speeds", True)  # ends of users' own may not say
+        self.last = _positions(simulation) if uses_speeds else None
         self.back = simulation.checkpoint(alone=True) if stage.end.looks_back else None
         self.told = len(simulation.events)
-
-    def _speed(self, simulation: Staged, span: float) -> float:
-        """v̄ of the cells that were there at the last check."""
-        before = dict(zip(self.names, self.centroids, strict=True))
-        moved = [
-            np.linalg.norm(now - before[name])
-            for name, now in zip(simulation.names, simulation.centroids, strict=True)
-            if name in before
-        ]
-        return float(np.sqrt(np.mean(np.square(moved))) / span)
 
     def restore(self, state: Checkpoint) -> None:
         """Take over how far the stages were."""
         if state.progress is None:
             return
-        self.index, self.begun = state.progress["index"], state.progress["begun"]
-        self.speeds, self.names = list(state.progress["speeds"]), tuple(state.progress["names"])
-        self.centroids, self.back = np.array(state.arrays["check"]), state.back
+        facts, centroids = state.progress, state.arrays["check"]
+        self.index, self.begun = facts["index"], facts["begun"]
+        self.speeds, self.back = list(facts["speeds"]), state.back
+        if len(centroids):
+            self.last = Positions(facts["time"], facts["names"], np.array(centroids))
 
     def facts(self) -> dict[str, Any]:
         """What a file must say of it, besides `centroids` and `back`."""
+        names, time = ([], 0.0) if self.last is None else (list(self.last.cells), self.last.time)
         return {
-            "index": self.index, "begun": self.begun, "speeds": self.speeds, "names": self.names,
+            "index": self.index, "begun": self.begun, "speeds": self.speeds, "names": names,
+            "time": time,
         }  # fmt: skip
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """(N, 3) centroids at the last check; none where they were not looked at."""
+        return np.zeros((0, 3)) if self.last is None else self.last.centroids
+
+
+def _positions(simulation: Staged) -> Positions:
+    return Positions(simulation.time, simulation.names, simulation.centroids)
