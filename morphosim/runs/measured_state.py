@@ -230,3 +230,8 @@ def variables() -> dict[str, Variable]:
         key=lambda each: (each.variable.kind is str, rank.get(each.owner, len(rank))),
     )
     return {each.name: each.variable for each in ordered}
+
+
+def built_in_variables() -> dict[str, Variable]:
+    """Those that every run has."""
+    return {name: each for name, each in variables().items() if MEASURED[name].owner in _PARTS}

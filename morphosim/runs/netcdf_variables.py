@@ -13,7 +13,7 @@ from morphosim.runs.schema import PHI_STEP
 Values = dict[str, Any]
 CHUNK = 1 << 15
 """Values per chunk of compressed fields."""
-ENCODING, SCALE = "_Encoding", "scale_factor"
+ENCODING, SCALE, FILL = "_Encoding", "scale_factor", "_FillValue"
 """Attributes that say how values are stored, and nothing of what they are."""
 
 
@@ -87,7 +87,8 @@ def stored_variables(path: Path) -> dict[str, Variable]:
 def described(variable: Any) -> Variable:
     """What a file says of one of its netCDF variables, whatever has written it."""
     attributes = {name: variable.getncattr(name) for name in variable.ncattrs()}
-    attributes.pop(SCALE, None)
-    characters = attributes.pop(ENCODING, None) is not None
+    characters = ENCODING in attributes
+    for name in (ENCODING, SCALE, FILL):
+        attributes.pop(name, None)
     dims = variable.dimensions[:-1] if characters else variable.dimensions
     return Variable.stored(dims, str if characters else variable.dtype, attributes)

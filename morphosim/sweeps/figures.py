@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphosim import _validate
-from morphosim.runs.measured_state import variables
+from morphosim.runs.measured_state import built_in_variables
 from morphosim.runs.schema import CONTACT_MATRIX
 
 if TYPE_CHECKING:
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 OVER_TIME = "(time)"
 """Ending of a variable that is wanted at all saves."""
 _NO_FIGURES = ("time",)
-VARIABLES = [n for n in variables() | CONTACT_MATRIX if n not in _NO_FIGURES]
+VARIABLES = [n for n in built_in_variables() | CONTACT_MATRIX if n not in _NO_FIGURES]
+"""Those of every run: a member's process does not know what a script declares."""
 Function = Callable[["xr.Dataset"], Any]
 
 

@@ -183,6 +183,34 @@ def test_packing_runs_of_changing_cells(changing: Path, tmp_path: Path) -> None:
             xr.testing.assert_identical(data[name].variable, packed[name].variable)
 
 
+def test_saves_of_an_earlier_version_are_read(tmp_path: Path) -> None:
+    """Without some variables, and with texts of variable length, as the first version had them."""
+    folder, file = tmp_path / "run", tmp_path / "run.nc"
+    simulation().run(until=2, observers=[RunWriter(folder, 2, fields="exact")])
+    first = folder / "save-000000.nc"
+    lacks = ["aggregate", "n_aggregates", "roundness", "events"]
+    table = xr.load_dataset(first).drop_vars(lacks)
+    fields = xr.load_dataset(first, group="fields")
+    for name, variable in table.variables.items():
+        if variable.dtype.kind in "OU":
+            table[name] = variable.astype(object)
+            table[name].encoding = {}
+    table.to_netcdf(first)
+    fields.to_netcdf(first, mode="a", group="fields")
+    with netCDF4.Dataset(first) as old:
+        assert old["type"].dtype is str
+    pack(folder, file)
+    for place in (folder, file):
+        with open_run(place) as data:
+            assert data["cell"].values.tolist() == list("abc")
+            assert data["parent"].values.tolist() == ["ma", "mb", "mc"]
+            assert data["volume"].attrs == {"units": "um3", "long_name": "volume, integral of phi"}
+            assert np.isnan(data["aggregate"].values).all(axis=1).tolist() == [True, False]
+            np.testing.assert_array_equal(data["n_aggregates"], [np.nan, 1])
+            assert data["events"].values.tolist() == ["", ""]
+            assert [field.name for field in load_fields(data, 0)] == list("abc")
+
+
 def test_packing_does_not_overwrite(changing: Path, tmp_path: Path) -> None:
     (tmp_path / "run.nc").write_text("mine")
     with pytest.raises(FileExistsError, match="exists"):

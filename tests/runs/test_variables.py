@@ -27,7 +27,7 @@ from morphosim import (
     open_run,
 )
 from morphosim.measure.variable import MEASURED, PER_CELL, PER_TIME
-from morphosim.runs.measured_state import MeasuredState, variables
+from morphosim.runs.measured_state import MeasuredState, built_in_variables, variables
 from morphosim.runs.schema import CONTACT_LIST, CONTACT_MATRIX, FIELDS, PARENT
 from morphosim.scene.events import Division
 from morphosim.scene.stages import Duration, Stage
@@ -182,6 +182,14 @@ def test_variables_of_a_user_are_read_by_who_does_not_know_them(tmp_path: Path) 
     assert {"peak", "box_size_x", "full_name"} <= set(header)
 
 
+def test_the_example_of_the_page_works() -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    exec(code, {"__name__": "script"})
+    state = MeasuredState(Simulation(scene()))
+    np.testing.assert_array_less(0.99, state["peak"])
+    assert state["soft_volume"] == state["volume"][0]
+
+
 def test_a_variable_may_use_another_of_the_user(tmp_path: Path) -> None:
     @measured(**CELL)
     def half(state: MeasuredState) -> Any:
@@ -194,6 +202,7 @@ def test_a_variable_may_use_another_of_the_user(tmp_path: Path) -> None:
     state = MeasuredState(Simulation(scene()))
     np.testing.assert_array_equal(half(state), state["volume"] / 2)
     assert list(state.table)[-5:] == ["half", "whole", "stage", "events", "type"]
+    assert set(variables()) - set(built_in_variables()) == {"half", "whole"}
 
 
 def test_a_function_may_be_declared_again() -> None:
