@@ -1,7 +1,8 @@
 """Revisions of this repository, each installed in a virtual environment of its own and kept there.
 
-A build is known by the content of the revision, by Python, and by the versions of the libraries,
-which are those of the environment that asks: two builds differ in our code and in nothing else.
+A build is known by the package's files in the revision, by Python, and by the versions of the
+libraries, which are those of the environment that asks: two builds differ in our code and in
+nothing else. Each takes about 1 GB; the folder of builds can be deleted at any time.
 """
 
 import hashlib
@@ -18,6 +19,8 @@ from filelock import FileLock
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKING_TREE = "working tree"
+PACKAGE = ("morphosim", "kernels", "pyproject.toml")
+"""What a revision is installed from."""
 TUNING = ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE")
 """Variables that make BLAS take another machine's kernels; what is timed runs without them."""
 NOT_PINNED = {"morphosim", "pip", "setuptools", "wheel"}
@@ -52,8 +55,8 @@ class Build:
 def build(revision: str | None, cache: Path) -> Build:
     """A revision installed below `cache`; None is the working tree as it is, committed or not."""
     tree = _working_tree() if revision is None else _tree_of(revision)
-    pins = _pins()
-    key = hashlib.sha256("\n".join([tree, sys.version, *pins]).encode()).hexdigest()[:16]
+    pins, content = _pins(), _git("ls-tree", tree, *PACKAGE)
+    key = hashlib.sha256("\n".join([content, sys.version, *pins]).encode()).hexdigest()[:16]
     made = Build(revision or WORKING_TREE, tree, cache / key)
     cache.mkdir(parents=True, exist_ok=True)
     with FileLock(cache / f"{key}.lock"):
@@ -104,8 +107,15 @@ def _tree_of(revision: str) -> str:
 def _working_tree() -> str:
     """Git's name of the files as they are, with new ones; the index stays as it is."""
     with tempfile.TemporaryDirectory() as place:
-        aside = os.environ | {"GIT_INDEX_FILE": str(Path(place) / "index")}
-        subprocess.run(["git", "add", "--all"], cwd=ROOT, env=aside, check=True)
-        return subprocess.run(
-            ["git", "write-tree"], cwd=ROOT, env=aside, check=True, capture_output=True, text=True
-        ).stdout.strip()
+        aside = {"GIT_INDEX_FILE": str(Path(place) / "index")}
+        _git("add", "--all", **aside)
+        return _git("write-tree", **aside)
+
+
+def _git(*arguments: str, **variables: str) -> str:
+    """What git says of this repository."""
+    done = subprocess.run(
+        ["git", *arguments], cwd=ROOT, env=os.environ | variables, check=True,
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    return done.stdout.strip()

@@ -28,6 +28,8 @@ from _pairs import Box, largest_difference, paired_ratios
 RADIUS, DT = 4.0, 1.5
 WORKER = Path(__file__).with_name("_compare_worker.py")
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "morphosim" / "compare"
+SETTLED = 20
+"""Steps after which all kernels have run, those too that lay boxes anew."""
 TURN = 0.1
 """Most seconds that one revision advances before the other has its turn."""
 STARTS = 7
@@ -62,11 +64,12 @@ class Process:
             raise SystemExit(message)
         return json.loads(line)
 
-    def start(self, cells: int, solver: str, threads: int) -> float:
-        """Make a simulation of close-packed cells; its seconds."""
+    def start(self, cells: int, solver: str, threads: int, steps: int) -> float:
+        """Make a simulation of close-packed cells and take its first steps; the seconds."""
         points = packed_points(cells, RADIUS).tolist()
         numerics = {"dt": DT, "solver": solver, "threads": threads}
-        return float(self.ask("start", points=points, radius=RADIUS, numerics=numerics))
+        made_in = self.ask("start", points=points, radius=RADIUS, numerics=numerics)
+        return float(made_in + self.ask("step", steps=steps))
 
     def fields(self, place: Path) -> dict[str, Box]:
         """All fields, by cell."""
@@ -91,6 +94,12 @@ def living(made: Build, kernels: Path | None = None) -> Iterator[Process]:
         process.end()
 
 
+def warm(made: Build, solver: str, threads: int) -> None:
+    """Compile the kernels in a process of its own: a process that compiles stays larger."""
+    with living(made) as process:
+        process.start(2, solver, threads, SETTLED)
+
+
 def step_row(
     builds: tuple[Build, Build], cells: int, solver: str, options: argparse.Namespace
 ) -> dict[str, Any]:
@@ -98,9 +107,8 @@ def step_row(
     with ExitStack() as stack:
         both = [stack.enter_context(living(made)) for made in builds]
         for process in both:
-            for count in (2, cells):  # the first loads the kernels, so that memory is of cells
-                process.start(count, solver, options.threads)
-                process.ask("step", steps=options.steps)
+            process.start(2, solver, options.threads, SETTLED)  # kernels count for no cell's memory
+            process.start(cells, solver, options.threads, options.steps)
         bits = same_fields(both)
         memory = [process.ask("memory") for process in both]
         ratios = paired_ratios(*take_turns(both, options.rounds))
@@ -160,8 +168,7 @@ def compile_row(solver: str, builds: tuple[Build, Build], threads: int) -> dict[
     seconds = []
     for made in builds:
         with tempfile.TemporaryDirectory() as empty, living(made, Path(empty)) as process:
-            made_in = process.start(2, solver, threads)
-            seconds.append(made_in + process.ask("step", steps=1))
+            seconds.append(process.start(2, solver, threads, steps=1))
     return start_row(f"first step, {solver}, empty cache", paired_ratios(*[[s] for s in seconds]))
 
 
@@ -202,6 +209,9 @@ def main() -> None:
     options = parsed()
     builds = build(options.before, options.cache), build(options.after, options.cache)
     print("\n".join(f"{k}: {b.name}" for k, b in zip(("before", "after"), builds, strict=True)))
+    for made in builds:
+        for solver in options.solvers.split(","):
+            warm(made, solver, options.threads)
     rows = [
         step_row(builds, cells, solver, options)
         for cells in options.cells
