@@ -28,6 +28,8 @@ from _pairs import Box, largest_difference, paired_ratios
 RADIUS, DT = 4.0, 1.5
 WORKER = Path(__file__).with_name("_compare_worker.py")
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "morphosim" / "compare"
+PAIR = 2
+"""Fewest cells that need all kernels; one alone has others for what it does not feel."""
 SETTLED = 20
 """Steps after which all kernels have run, those too that lay boxes anew."""
 TURN = 0.1
@@ -97,7 +99,8 @@ def living(made: Build, kernels: Path | None = None) -> Iterator[Process]:
 def warm(made: Build, solver: str, threads: int) -> None:
     """Compile the kernels in a process of its own: a process that compiles stays larger."""
     with living(made) as process:
-        process.start(2, solver, threads, SETTLED)
+        for few in (1, PAIR):
+            process.start(few, solver, threads, SETTLED)
 
 
 def step_row(
@@ -107,7 +110,8 @@ def step_row(
     with ExitStack() as stack:
         both = [stack.enter_context(living(made)) for made in builds]
         for process in both:
-            process.start(2, solver, options.threads, SETTLED)  # kernels count for no cell's memory
+            few = min(cells, PAIR)  # loads the kernels, which are not counted as cells' memory
+            process.start(few, solver, options.threads, SETTLED)
             process.start(cells, solver, options.threads, options.steps)
         bits = same_fields(both)
         memory = [process.ask("memory") for process in both]
@@ -168,7 +172,7 @@ def compile_row(solver: str, builds: tuple[Build, Build], threads: int) -> dict[
     seconds = []
     for made in builds:
         with tempfile.TemporaryDirectory() as empty, living(made, Path(empty)) as process:
-            seconds.append(process.start(2, solver, threads, steps=1))
+            seconds.append(process.start(PAIR, solver, threads, steps=1))
     return start_row(f"first step, {solver}, empty cache", paired_ratios(*[[s] for s in seconds]))
 
 
