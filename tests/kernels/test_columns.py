@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, accumulate, gather
+from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, accumulate, gather, lay_tiles
 from morphosim.kernels.frames import HALO, frame_size
 from morphosim.kernels.layout import Boxes
 
@@ -146,3 +146,15 @@ def test_the_sums_do_not_depend_on_the_lists() -> None:
     np.testing.assert_array_equal(results[0], results[1])
     np.testing.assert_array_equal(results[0], results[2])
     assert np.isfinite(results[0]).any()
+
+
+@both_ways
+def test_columns_are_laid_of_tiles(way: str) -> None:
+    tiles = np.random.default_rng(23).uniform(1, 2, (4, ROWS, 3))
+    columns = [[1, -1], [], [3, 3, 0]]
+    out = np.full(5 * tiles[0].size, np.nan)
+    slots, depth = np.array([k for column in columns for k in column]), [len(c) for c in columns]
+    taken(lay_tiles, way)(tiles, slots, np.array(depth), out)
+    known = dict(enumerate(tiles)) | {-1: np.zeros_like(tiles[0])}
+    laid = [np.hstack([known[k] for k in column]).ravel() for column in columns if column]
+    np.testing.assert_array_equal(out, np.concatenate(laid))

@@ -1,0 +1,1 @@
+"""Statements that hold for any input, tried with inputs that Hypothesis makes up."""
