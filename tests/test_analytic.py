@@ -167,7 +167,7 @@ def test_order_in_space(order: int) -> None:
 def drawn(engine: Engine, step: int) -> NDArray:
     """The normal vectors of a step."""
     u = np.zeros((len(engine), 3))
-    normal_vectors(np.uint64(engine.numerics.seed), np.uint64(step), engine.ids, u)
+    normal_vectors(np.uint64(engine.numerics.seed), np.uint64(step), engine.cells["id"], u)
     return u
 
 

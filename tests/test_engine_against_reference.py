@@ -282,7 +282,7 @@ def test_a_removed_cell_acts_no_more_and_the_others_keep_their_history() -> None
     model = full_grid_model(engine, CROWD, targets, low, shape)
     state = second_order_steps((on_grid(engine, low, shape), None, None), model, engine, 5)
     advance(engine, 5, targets).remove(1)
-    assert engine.names == ["0", "2"]
+    assert engine.cells.names == ["0", "2"]
     left = replace(model, targets=targets[keep], gamma=0.25, sigma=0.5 * EVEN[:2, :2])
     with_history = tuple(part[keep] for part in state)
     expected, *_ = second_order_steps(with_history, left, engine, 5)

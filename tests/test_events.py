@@ -45,7 +45,7 @@ def test_a_division_conserves_mass_and_gives_each_daughter_its_share() -> None:
     assert [c.type for c in simulation.cells[1:]] == ["soft", "soft"]
     assert [c.gamma for c in simulation.cells[1:]] == [0.3, 0.3]
     np.testing.assert_allclose(simulation.targets[1:], 523.6 * np.array([0.6, 0.4]), rtol=1e-4)
-    assert simulation.engine.fresh
+    assert simulation.column("fresh").tolist() == [False, True, True], "n keeps its history"
     simulation.step(20)
     np.testing.assert_allclose(simulation.volumes, simulation.targets, rtol=0.1)
 
@@ -63,7 +63,7 @@ def test_sisters_and_pairs_attract_after_a_division_as_stated() -> None:
     simulation.divide("m", ("a", "b"), axis=(0, 1, 0))
     found = sigma.matrix(simulation.names, parents=[c.parent for c in simulation.cells])
     np.testing.assert_array_equal(found, [[0, 0.5, 0.5], [0.5, 0, 0], [0.5, 0, 0]])
-    assert simulation.engine.parents == ["", "m", "m"]
+    assert simulation.parents == ["", "m", "m"]
     stated = start(ball("m"), ball("n", 9.0), sigma=0.5)
     stated.divide("m", ("a", "b"), axis=(0, 1, 0))
     stated.change_physics(sigma=Attraction(default=0.5, pairs={("a", "b"): 0.0}))
@@ -76,7 +76,7 @@ def test_noise_of_daughters_is_their_own() -> None:
     simulation = start(ball("m"), ball("n", 20.0), kappa=0.3)
     simulation.divide("m", ("a", "b"), axis=(0, 0, 1))
     simulation.divide("a", ("c", "d"), axis=(0, 1, 0))
-    assert len(set(simulation.engine.ids.tolist())) == 4
+    assert len(set(simulation.column("id").tolist())) == 4
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_removal_by_name_and_by_rule() -> None:
     Removal(cells=["b"], rule=beyond).apply(simulation)
     assert simulation.names == ["a", "c"]
     assert [name for _, name in simulation.removed] == ["d", "b"]
-    assert not simulation.engine.fresh
+    assert not simulation.column("fresh").any()
     with pytest.raises(ValueError, match="all 2 cells would be removed"):
         simulation.remove(["a", "c"])
 
@@ -178,7 +178,7 @@ def test_a_change_of_cells_keeps_their_history() -> None:
         simulation.step(5)
     np.testing.assert_array_equal(changed.centroids, plain.centroids)
     changed.change_cells(["a"], frozen=True)
-    assert changed.engine.fresh
+    assert changed.column("fresh").tolist() == [True, False]
 
 
 def test_changes_are_checked() -> None:

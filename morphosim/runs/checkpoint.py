@@ -68,25 +68,28 @@ class Checkpoint:
     @classmethod
     def read(cls, path: Path) -> "Checkpoint":
         """Read what `write` wrote; ValueError if it is damaged or of another version."""
-        return cls._unpacked(guarded(path, lambda: _arrays(path)), path)
-
-    @classmethod
-    def _unpacked(cls, arrays: dict[str, NDArray[Any]], path: Path) -> "Checkpoint":
-        facts = json.loads(str(arrays.pop(FACTS)))
-        written_by = facts.pop("version", "0.1.0")
-        if facts.pop("format") != FORMAT:
+        arrays = guarded(path, lambda: _arrays(path))
+        facts = guarded(path, lambda: dict(json.loads(str(arrays[FACTS]))))
+        if facts.get("format") != FORMAT:
+            here, there = versions()["morphosim"], facts.get("version", "0.1.0")
             message = (
-                f"{path} was written by version {written_by} of morphosim, this is "
-                f"{versions()['morphosim']}; go on with that version, or start a new run from the "
-                f"fields: morphosim run SCENE --from {path.parent} -o NEW"
+                f"{path} was written by version {there} of morphosim, this is {here}; go on with "
+                f"that version, or start a new run from the fields: morphosim run SCENE --from "
+                f"{path.parent} -o NEW"
             )
             raise ValueError(message)
+        return guarded(path, lambda: cls._unpacked(arrays))
+
+    @classmethod
+    def _unpacked(cls, arrays: dict[str, NDArray[Any]]) -> "Checkpoint":
+        facts = json.loads(str(arrays.pop(FACTS)))
+        del facts["format"], facts["version"]
         facts["removed"] = tuple((time, name) for time, name in facts["removed"])
         inner = {
             name.removeprefix(BACK): arrays.pop(name)
             for name in list(arrays) if name.startswith(BACK)
         }  # fmt: skip
-        back = cls._unpacked(inner, path) if inner else None
+        back = cls._unpacked(inner) if inner else None
         return cls(**facts, arrays=arrays, back=back)
 
 

@@ -243,8 +243,9 @@ class Simulation(Changes):
     @property
     def targets(self) -> NDArray[np.float64]:
         """Target volumes V(t), µm³."""
-        self._volumes.update(self.engine.everyone, self.time)
-        return self.engine.everyone["target"].copy()
+        targets: NDArray[np.float64] = self.engine.everyone["target"].copy()
+        self._volumes.fill(targets, self.engine.everyone, self.time)
+        return targets
 
     @property
     def face_peak(self) -> NDArray[np.float64]:
@@ -337,7 +338,8 @@ class Simulation(Changes):
                     stack.callback(observer.finish, self)
 
     def _step(self) -> None:
-        self._volumes.update(self.engine.everyone, self.time)
+        everyone = self.engine.everyone
+        self._volumes.fill(everyone["target"], everyone, self.time)
         self.engine.step()
         if (diverged := self.engine.diverged()).size:
             self._raise_divergence(int(diverged[0]))

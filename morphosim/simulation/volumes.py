@@ -3,6 +3,9 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from morphosim import _validate
 from morphosim.cell_table import CellTable
 from morphosim.scene.cell import VolumeCourse, VolumeFunction, volume_at
@@ -41,8 +44,8 @@ class VolumeFunctions:
         for name in names:
             self._functions.pop(name, None)
 
-    def update(self, cells: CellTable, time: float) -> None:
-        """Set the column "target" at a time.
+    def fill(self, targets: NDArray[np.float64], cells: CellTable, time: float) -> None:
+        """Set those of the target volumes (N,) of all cells that are functions.
 
         Raises
         ------
@@ -50,7 +53,7 @@ class VolumeFunctions:
             A function gives a volume that is not positive and finite.
         """
         for name, function in self._functions.items():
-            cells["target"][cells.row(name)] = volume_at(name, function, time)
+            targets[cells.row(name)] = volume_at(name, function, time)
 
     def said(self) -> dict[str, dict[str, Any] | None]:
         """What a checkpoint says of them."""

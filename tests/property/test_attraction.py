@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from morphosim import Attraction
-from morphosim.physics.interactions import Interactions
+from morphosim.cell_table import CellTable
+from morphosim.engine.interactions import Interactions
 
 CELLS, TYPES, MOTHERS = list("abcdef"), ["", "S", "W"], ["", "P", "Q"]
 Cells = tuple[list[str], list[str], list[str]]
@@ -60,7 +61,9 @@ def by_the_rules(sigma: Attraction, j: int, i: int, cells: Cells) -> float:
 def told_to_kernels(sigma: Attraction, cells: Cells) -> NDArray[np.float64]:
     """σ[j, i] as kernels add it up: the pull of the types and the weights of pairs."""
     names, types, mothers = cells
-    told = Interactions(sigma, 1.6, names, types, np.float64, mothers)
+    table = CellTable()
+    table.add({"name": names, "parent": mothers}, types)
+    told = Interactions(sigma, 1.6, table, table, np.float64)
     kinds = told.interaction.types
     result = told.interaction.pull[np.ix_(kinds, kinds)] * (told.n_fields > 0)
     if told.pairs is not None:
@@ -95,7 +98,7 @@ def test_among_says_the_same_of_those_who_stay(
     rest = tuple([row[k] for k in stay] for row in cells)
     kept = sigma.among(rest[0], rest[1])
     np.testing.assert_array_equal(kept.matrix(*rest), sigma.matrix(*cells)[np.ix_(stay, stay)])
-    kept.check_names(rest[0], rest[1])
+    kept.check(rest[0], rest[1])
 
 
 @given(attractions, some_cells())

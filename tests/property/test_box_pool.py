@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from numpy.typing import NDArray
 
-from morphosim.engine.box_pool import BoxPool, Slots
+from morphosim.cell_table import CellTable
+from morphosim.engine.box_pool import COLUMNS, BoxPool, Slots
 from morphosim.kernels.boxes import TOTAL
 from morphosim.kernels.layout import Limits
 
@@ -36,7 +37,24 @@ class Expected:
 
 def new_pool(band_only: bool) -> BoxPool:
     """A pool of fields in double precision with histories."""
-    return BoxPool(np.float64, Limits(*np.array([TOLERANCE, 4.0, 0.5])), True, band_only)
+    limits = Limits(*np.array([TOLERANCE, 4.0, 0.5]))
+    return BoxPool(CellTable(COLUMNS), np.float64, limits, True, band_only)
+
+
+def add(pool: BoxPool, fields: list[tuple[NDArray, NDArray]]) -> None:
+    """New cells, with names of their own."""
+    names = [str(pool.cells.next_id + k) for k in range(len(fields))]
+    pool.lay(pool.cells.add({"name": names}, [""] * len(fields)), fields)
+
+
+def hold(pool: BoxPool, chosen: list[int]) -> None:
+    """Keep some cells alone, in this order, as a saved state would bring them back."""
+    rows, columns = np.array(chosen), pool.cells.saved()
+    fields = pool.contents(rows)
+    pool.cells.restore(
+        columns | {name: columns[name][rows] for name in columns.keys() - {"kinds", "next_id"}}
+    )
+    pool.restore(fields)
 
 
 def blob(rng: np.random.Generator, shape: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -69,14 +87,15 @@ class Pools(RuleBasedStateMachine):
         fields = [
             (rng.integers(-50, 50, 3), blob(rng, rng.integers(6, 20, 3))) for _ in range(count)
         ]
-        self.pool.add(fields)
+        add(self.pool, fields)
         self.cells += [Expected(origin, phi, phi.sum(), 0) for origin, phi in fields]
 
     @precondition(lambda self: self.cells)
     @rule(data=st.data())
     def remove(self, data: st.DataObject) -> None:
         i = data.draw(st.integers(0, len(self.cells) - 1))
-        self.pool.remove(i)
+        self.pool.release([i])
+        self.pool.cells.remove(i)
         del self.cells[i]
 
     @precondition(lambda self: self.cells)
@@ -103,7 +122,7 @@ class Pools(RuleBasedStateMachine):
         """Hold some of the cells, in another order."""
         everyone = st.permutations(range(len(self.cells)))
         chosen = data.draw(everyone)[: data.draw(st.integers(1, len(self.cells)))]
-        self.pool.restore(self.pool.contents(np.array(chosen)))
+        hold(self.pool, chosen)
         self.cells = [self.cells[k] for k in chosen]
 
     @invariant()
