@@ -87,22 +87,27 @@ def lay_tiles(tiles, slots, depth, out):
 
 
 @inline_kernel()
-def clear_column(first, points, n_types, background, repulsion, potential):
-    """Start a column's sums: the confinement's share, or nothing."""
+def clear_column(first, points, n_types, background, field, repulsion, potential):
+    """Start a column's sums: the shares of walls and of space, or nothing."""
     if background is not None:
         repulsion[first : first + points] = background[first : first + points]
     else:
         repulsion[first : first + points] = 0
     if potential is not None:
-        potential[first * n_types : (first + points) * n_types] = 0
+        last = (first + points) * n_types
+        potential[first * n_types : last] = 0
+        if field is not None:
+            potential[last - points : last] = field[first : first + points]
 
 
 @kernel()
-def sum_column(a, lists, phi, boxes, types, n_types, g, background, repulsion, potential):
+def sum_column(
+    a, lists, phi, boxes, types, n_types, g, background, field, repulsion, potential
+):  # fmt: skip
     """Sum all cells over column `a`."""
     first, length = lists.start[a], lists.length[a]
     points = ROWS * length
-    clear_column(first, points, n_types, background, repulsion, potential)
+    clear_column(first, points, n_types, background, field, repulsion, potential)
     for k in range(lists.cell_start[a], lists.cell_start[a + 1]):
         i = lists.cells[k]
         add_cell(
@@ -127,7 +132,8 @@ def accumulate(lists, phi, boxes, interaction, columns):
         for a in range(lists.bounds[worker], lists.bounds[worker + 1]):
             sum_column(
                 a, lists, phi, boxes, interaction.types, interaction.pull.shape[0],
-                interaction.g, columns.background, columns.repulsion, columns.potential,
+                interaction.g, columns.background, columns.field, columns.repulsion,
+                columns.potential,
             )  # fmt: skip
 
 

@@ -35,11 +35,13 @@ class Columns(NamedTuple):
     felt: np.ndarray
     """(N,) bool, whether there is any column under each cell's frame."""
     background: Any
-    """g_e φ_e² by column, or None without confinement."""
+    """R of walls by column, such as g_e φ_e², or None without walls."""
+    field: Any
+    """ψ of space by column, or None; it is the last of the potentials."""
     repulsion: Any
     """Σ g φ² + background by column; None if nothing repels."""
     potential: Any
-    """Σ φ by column and type; None without attraction by type."""
+    """Σ φ by column and type, then `field`; None without attraction by type and field."""
 
 
 class ColumnLists(NamedTuple):
@@ -67,7 +69,8 @@ class Interaction(NamedTuple):
     types: np.ndarray
     """(N,) int64, type of each cell."""
     pull: np.ndarray
-    """(K, K), pull[j, i] is the attraction of type i by type j."""
+    """(K, K), pull[j, i] is the attraction of type i by type j; the last is `Columns.field`, if
+    there is one, to which no cell belongs."""
 
 
 class Pairs(NamedTuple):

@@ -36,10 +36,21 @@ def unpack(keys: Integers) -> Integers:
 
 
 class Background:
-    """What walls add to R (see `Environment.walls`) on tiles, evaluated once per tile."""
+    """A function of space, R of walls or a potential ψ, on tiles; evaluated once per tile.
 
-    def __init__(self, repulsion: SpaceFunction, spacing: float, dtype: DTypeLike) -> None:
-        self._repulsion, self._spacing = repulsion, spacing
+    Parameters
+    ----------
+    function : of points x, y, z in µm
+    spacing : float, µm
+    dtype : of the fields
+    everywhere : bool
+        Whether it acts also where it is about 0, as a potential does, whose gradient counts.
+    """
+
+    def __init__(
+        self, function: SpaceFunction, spacing: float, dtype: DTypeLike, everywhere: bool = False
+    ) -> None:
+        self._function, self._spacing, self._everywhere = function, spacing, everywhere
         self._keys = np.array([_LAST])  # sorted
         self._slots = np.array([-1])
         self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
@@ -74,11 +85,11 @@ class Background:
             shape[axis + 1] = n
             points = corners[:, axis, None] + np.arange(n)
             axes.append((points * self._spacing).reshape(shape))
-        values = np.broadcast_to(self._repulsion(*axes), (len(keys), *TILE_SHAPE))
+        values = np.broadcast_to(self._function(*axes), (len(keys), *TILE_SHAPE))
         if not np.isfinite(values).all():
-            message = "the confinement's field is not finite everywhere; φ_e must be 0 … 1"
+            message = "a confinement, or a term's function of space, is not finite everywhere"
             raise ValueError(message)
-        acts = values.reshape(len(keys), -1).max(axis=1) > _ABSENT
+        acts = self._everywhere | (values.reshape(len(keys), -1).max(axis=1) > _ABSENT)
         slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
         tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)
         self._tiles = np.concatenate([self._tiles, tiles])
@@ -113,17 +124,20 @@ class ColumnCover:
     def __init__(self, dtype: DTypeLike, threads: int) -> None:
         self._dtype, self._threads = np.dtype(dtype), threads
         self._pools: dict[str, NDArray[np.floating]] = {}
-        self.configure(0, None)
+        self.configure(0, None, None)
 
-    def configure(self, n_types: int, background: Background | None) -> None:
+    def configure(
+        self, n_types: int, background: Background | None, field: Background | None
+    ) -> None:
         """Say what is summed; it holds from the next `update` on, which makes all columns anew.
 
         Parameters
         ----------
-        n_types : cell types with accumulated potentials; 0 without attraction by type
-        background : Background or None
+        n_types : cell types with accumulated potentials, and one more for the field
+        background : R of walls, or None
+        field : ψ of space, or None
         """
-        self._n_types, self._background = n_types, background
+        self._n_types, self._background, self._field = n_types, background, field
         self._first = self._end = np.zeros((0, 3), np.int64)
         self._low = np.zeros(0, np.int64)
 
@@ -157,8 +171,9 @@ class ColumnCover:
         group[order] = np.cumsum(opens) - 1
 
         needed = np.bincount(group) > 1
-        if self._background is not None:
-            needed |= self._background.acts(begin, final)
+        for space in (self._background, self._field):
+            if space is not None:
+                needed |= space.acts(begin, final)
         length = (final - begin) * TILE_SHAPE[2]
         points = np.where(needed, ROWS * length, 0)
         start = np.where(needed, np.cumsum(points) - points, -1)
@@ -177,7 +192,8 @@ class ColumnCover:
             cover_start=cover_start,
             cover=cover,
             felt=felt,
-            background=self._filled_background(begin[needed], length[needed]),
+            background=self._filled("background", self._background, begin[needed], length[needed]),
+            field=self._filled("field", self._field, begin[needed], length[needed]),
             repulsion=self._pool("repulsion", int(points.sum())),
             potential=(
                 self._pool("potential", int(points.sum()) * self._n_types)
@@ -198,12 +214,14 @@ class ColumnCover:
             self._pools[name] = pool
         return pool
 
-    def _filled_background(self, begin: Integers, length: Integers) -> NDArray[np.floating] | None:
-        """The confinement on the columns that begin with these tiles."""
-        if self._background is None:
+    def _filled(
+        self, name: str, space: Background | None, begin: Integers, length: Integers
+    ) -> NDArray[np.floating] | None:
+        """A function of space on the columns that begin with these tiles, in the pool `name`."""
+        if space is None:
             return None
-        values = self._pool("background", ROWS * int(length.sum()))
-        self._background.fill(begin, length, values)
+        values = self._pool(name, ROWS * int(length.sum()))
+        space.fill(begin, length, values)
         return values
 
     def _make_lists(

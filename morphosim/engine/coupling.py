@@ -1,5 +1,7 @@
 """What cells feel of each other and of walls: sums on sparse columns, and potentials of pairs."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,8 +36,8 @@ class Coupling:
     def __init__(self, dtype: np.dtype, threads: int) -> None:
         self._dtype = dtype
         self._cover = ColumnCover(dtype, threads)
-        self._background: Background | None = None
-        self._walls: list[Any] = []
+        self._walls = _Space((), None, dtype, everywhere=False)
+        self._field = _Space((), None, dtype, everywhere=True)
         self._pair_potential: NDArray[np.floating] | None = None
         self.acts = False
 
@@ -50,20 +52,16 @@ class Coupling:
         everyone : CellTable
             All cells of the simulation.
         """
+        walls, potentials = environment.walls, environment.potentials
         self._interactions = Interactions(
-            environment.attraction, environment.g, cells, everyone, self._dtype
+            environment.attraction, environment.g, bool(potentials), cells, everyone, self._dtype
         )
         felt = environment.g > 0 or self._interactions.attracts
-        self.acts = bool(environment.walls) or (len(everyone) > 1 and felt)
-        keys = [key for key, _ in environment.walls]
-        if keys != self._walls:
-            self._walls = keys
-            functions = [function for _, function in environment.walls]
-            spacing = environment.numerics.spacing
-            self._background = (
-                Background(_sum(functions), spacing, self._dtype) if functions else None
-            )
-        self._cover.configure(self._interactions.n_fields, self._background)
+        self.acts = bool(walls or potentials) or (len(everyone) > 1 and felt)
+        spacing = environment.numerics.spacing
+        self._walls = self._walls.renewed(walls, spacing)
+        self._field = self._field.renewed(potentials, spacing)
+        self._cover.configure(self._interactions.n_fields, self._walls.tiles, self._field.tiles)
 
     def lay_out(self, pool: BoxPool) -> None:
         """Make room for the sums where the boxes are."""
@@ -121,6 +119,27 @@ class Coupling:
         """Bytes of the sums."""
         potential = 0 if self._pair_potential is None else self._pair_potential.nbytes
         return potential + (self._cover.nbytes if self.acts else 0)
+
+
+@dataclass(frozen=True)
+class _Space:
+    """Functions of space, evaluated on tiles; again only if their keys change."""
+
+    keys: tuple[Any, ...]
+    tiles: Background | None
+    dtype: np.dtype
+    everywhere: bool
+
+    def renewed(self, given: Sequence[tuple[Any, SpaceFunction]], spacing: float) -> "_Space":
+        """The functions given, by key; the tiles that there are, if the keys are the same."""
+        keys = tuple(key for key, _ in given)
+        if keys == self.keys:
+            return self
+        functions = [function for _, function in given]
+        tiles = None
+        if functions:
+            tiles = Background(_sum(functions), spacing, self.dtype, self.everywhere)
+        return replace(self, keys=keys, tiles=tiles)
 
 
 def _sum(functions: list[SpaceFunction]) -> SpaceFunction:

@@ -22,6 +22,8 @@ class Interactions:
     attraction : Pull or None
     g : float
         Repulsion between cells (Eq. 3).
+    field : bool
+        Whether space has a potential of its own, which counts as a type that pulls on all others.
     cells : CellTable
     everyone : CellTable
         All cells of the simulation, whose types count; on one rank the same.
@@ -36,8 +38,8 @@ class Interactions:
     """
 
     def __init__(
-        self, attraction: Pull | None, g: float, cells: CellTable, everyone: CellTable,
-        dtype: DTypeLike,
+        self, attraction: Pull | None, g: float, field: bool, cells: CellTable,
+        everyone: CellTable, dtype: DTypeLike,
     ) -> None:  # fmt: skip
         real: np.dtype[Any] = np.dtype(dtype)
         kinds = everyone.present_kinds
@@ -48,6 +50,9 @@ class Interactions:
         pull = np.zeros((1, 1)) if attraction is None else attraction.type_matrix(names)
         if (pull == pull[0, 0]).all():
             pull, index = pull[:1, :1], np.zeros(len(cells), np.int64)
+        if field:
+            pull = np.pad(pull, (0, 1))
+            pull[-1, :-1] = 1
         self.interaction = Interaction(g=real.type(g), types=index, pull=pull.astype(real))
         self.n_fields = len(pull) if pull.any() else 0
         self.pairs = _pairs(_exceptions(attraction, cells), pull, index, real)

@@ -106,6 +106,8 @@ class Environment:
     walls : list of (key, function)
         Functions R(x, y, z) ≥ 0 of points in µm. They are evaluated again only if their key, any
         value that can be compared, changes.
+    potentials : list of (key, function)
+        Likewise, functions ψ(x, y, z). A cell drifts with the velocity ∇ψ/τ where ψ is linear.
     """
 
     numerics: Numerics
@@ -114,6 +116,7 @@ class Environment:
     g: float = 0.0
     attraction: Pull | None = None
     walls: list[tuple[Any, SpaceFunction]] = field(default_factory=list)
+    potentials: list[tuple[Any, SpaceFunction]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)

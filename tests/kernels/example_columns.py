@@ -17,8 +17,11 @@ PULL = np.array([[0.4, 0.0, 0.1], [0.7, 0.3, 0.2], [0.5, 0.6, 0.9]])
 """pull[j, i]; one of them zero."""
 
 
-def interaction() -> Interaction:
-    return Interaction(g=G, types=TYPES, pull=PULL)
+def interaction(field: bool = False) -> Interaction:
+    """Of three types, and of space, which pulls on all cells alike."""
+    pull = np.pad(PULL, (0, 1)) if field else PULL
+    pull[3:, :3] = 1
+    return Interaction(g=G, types=TYPES, pull=pull)
 
 
 @dataclass
@@ -92,8 +95,8 @@ class Cover:
             cells=np.array([i for cells in over for i in cells], np.int64),
         )
 
-    def columns(self, background: bool, n_types: int) -> Columns:
-        """Sums not yet made; the background is random."""
+    def columns(self, background: bool, n_types: int, field: bool = False) -> Columns:
+        """Sums not yet made; background and field are random."""
         cover = [
             (
                 self.start[a],
@@ -110,6 +113,7 @@ class Cover:
             cover=np.array(cover),
             felt=np.array([any(self.start[a] >= 0 for a in found) for found in self.under]),
             background=np.where(self.between(), np.nan, values) if background else None,
+            field=np.where(self.between(), np.nan, values**2) if field else None,
             repulsion=np.full(self.size, np.nan),
             potential=np.full(self.size * n_types, np.nan) if n_types else None,
         )

@@ -59,23 +59,26 @@ def make_pair_potential(boxes: Boxes) -> tuple[NDArray, NDArray]:
 @both_ways
 @pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize(
-    ("background", "attracts", "pairs"),
-    [(True, False, False), (False, True, False), (True, True, True), (False, False, True)],
-)
-def test_cells_feel_the_others_and_the_background(
-    background: bool, attracts: bool, pairs: bool, whole: bool, way: str
+    ("background", "attracts", "pairs", "field"),
+    [
+        (True, False, False, False), (False, True, False, False), (True, True, True, True),
+        (False, False, True, False), (False, True, False, True),
+    ],
+)  # fmt: skip
+def test_cells_feel_the_others_and_space(
+    background: bool, attracts: bool, pairs: bool, field: bool, whole: bool, way: str
 ) -> None:
     boxes, phi = make_boxes(seed=11)
     cover = Cover(boxes)
-    columns = cover.columns(background, n_types=3 if attracts else 0)
+    columns = cover.columns(background, 3 + field if attracts else 0, field)
     pairs_start, pool = make_pair_potential(boxes) if pairs else (None, None)
-    taken(accumulate, way)(cover.lists(), phi, boxes, interaction(), columns)
+    taken(accumulate, way)(cover.lists(), phi, boxes, interaction(field), columns)
     assert np.isnan(columns.repulsion[cover.between()]).all()
     for i in CELLS:
         repulsion = empty_frame(boxes, i)
         psi = empty_frame(boxes, i) if attracts or pairs else None
         taken(gather, way)(
-            i, boxes, whole, interaction(), columns, pairs_start, pool,
+            i, boxes, whole, interaction(field), columns, pairs_start, pool,
             loaded(boxes, i, phi, whole), repulsion, psi,
         )  # fmt: skip
         rows = in_band(boxes, i, whole)
@@ -89,6 +92,8 @@ def test_cells_feel_the_others_and_the_background(
             expected = np.zeros(found.shape)
             if attracts:
                 expected += cover.felt_potential(phi, i)
+            if field:
+                expected += cover.at(columns.field, i)
             if pairs and pairs_start[i] >= 0:
                 expected += with_halo(pool[pairs_start[i] :], boxes, i)
             found = with_halo(psi, boxes, i)

@@ -108,6 +108,35 @@ class Lean(Term):
         return self.strength * (1.0 + cells["id"][:, None])
 
 
+@dataclass(frozen=True, kw_only=True)
+class Chemotaxis(Term):
+    """- ∇φ·∇ψ with ψ = slope (x - z): cells climb ψ with the velocity slope (1, 0, -1) / τ."""
+
+    slope: float = 0.1
+
+    def surround(self, environment: Any) -> None:
+        """Add ψ, which is evaluated anew only if the slope changes."""
+        environment.potentials.append((self, lambda x, y, z: self.slope * (x - z + 0 * y)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Floor(Term):
+    """- φ R with R = strength where z < height: a wall that yields."""
+
+    height: float
+    strength: float = 2.0
+
+    def surround(self, environment: Any) -> None:
+        """Add R."""
+        environment.walls.append(
+            (self, lambda x, y, z: self.strength * (z < self.height) + 0 * (x + y))
+        )
+
+    def explicit_rate(self, conditions: Any) -> float:
+        """R at most."""
+        return self.strength
+
+
 @point_force
 def pressed(values, phi, gx, gy, gz, laplacian):  # type: ignore[no-untyped-def]
     """P |∇φ|."""
