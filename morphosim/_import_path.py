@@ -24,7 +24,7 @@ def loaded(text: str, where: str) -> Any:
     try:
         return reduce(getattr, name.split("."), _module(module))
     except Exception as error:  # a module may raise anything when it is imported
-        message = f"{where} = {text!r} cannot be imported ({error}). {_advice(module)}"
+        message = f"{where} = {text!r} cannot be loaded as module:name ({error}). {_advice(module)}"
         raise ValueError(message) from error
 
 
@@ -48,6 +48,9 @@ def path_of(item: Any) -> str | None:
 
 def _module(name: str) -> ModuleType:
     """Module of a name, or of a file: that which is loaded already, or it is loaded now."""
+    if not name:
+        message = "there is no colon with a module before it"
+        raise ImportError(message)
     if not name.endswith(".py"):
         return import_module(name)
     path = Path(name).resolve()

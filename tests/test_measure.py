@@ -234,7 +234,7 @@ def test_a_measurement_does_not_change_with_the_fields() -> None:
     given = pool.phi, pool.origin, pool.shape, pool.start
     found, kept = measure(*given, H), measure(*(values.copy() for values in given), H)
     pool.phi[:] = 0
-    pool.origin += 7
+    pool.origin[:] += 7
     same(found, kept)
 
 

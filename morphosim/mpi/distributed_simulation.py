@@ -40,6 +40,7 @@ class DistributedSimulation(Simulation):
     def _make_engine(self) -> Engine:
         """Engine of which this rank has a share; it has all that a simulation asks for."""
         scene = self.scene
+        agreed(world(), lambda: None)  # a rank that cannot get here tells the others by this
         return cast(
             Engine, DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement)
         )

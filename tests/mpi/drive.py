@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from morphosim import (
     Attraction,
     Cell,
     CellChange,
+    Column,
     Differentiation,
     Division,
     Duration,
@@ -30,6 +32,7 @@ from morphosim import (
     Simulation,
     Sphere,
     Stage,
+    Term,
 )
 from morphosim.bench import packed_points
 from morphosim.errors import SimulationError
@@ -81,7 +84,7 @@ def staged() -> Scene:
         ],
     )  # fmt: skip
     return Scene(
-        cells=cells(12), physics=Physics(sigma=sigma), confinement=shell,
+        cells=cells(12), physics=Physics(sigma=sigma, terms=[Turning()]), confinement=shell,
         numerics=numerics(dt=2.0, solver="band", precision="single"),
         stages=[first, second], duration=80, save_every=20, save_fields="exact",
     )  # fmt: skip
@@ -93,6 +96,34 @@ def vanishing(**values: Any) -> Scene:
     return Scene(
         cells=[*cells(5), small], physics=Physics(M=0.0), numerics=numerics(), duration=60, **values
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turning(Term):
+    """Cells of type A swim along directions that turn, each as fast as its id says."""
+
+    columns = (
+        Column("heading", shape=(3,)),
+        Column("turns", inherits=False),
+        Column("swims", saved=False),
+    )
+
+    def start(self, cells: Any, numerics: Any) -> None:
+        """Head along x."""
+        cells["heading"][:] = (1.0, 0.0, 0.0)
+
+    def prepare(self, cells: Any, numerics: Any) -> None:
+        """Find who swims."""
+        cells["swims"][:] = [kind == "A" for kind in cells.types]
+
+    def update(self, cells: Any, step: Any, forces: Any) -> None:
+        """Swim and turn."""
+        forces.drift[:] += 0.1 * cells["swims"][:, None] * cells["heading"]
+        angle = 0.05 * (1 + cells["id"] % 3)
+        x, y = cells["heading"][:, 0].copy(), cells["heading"][:, 1].copy()
+        cells["heading"][:, 0] = x * np.cos(angle) - y * np.sin(angle)
+        cells["heading"][:, 1] = x * np.sin(angle) + y * np.cos(angle)
+        cells["turns"][:] += 1
 
 
 def write(folder: Path, name: str, simulation: Simulation) -> None:

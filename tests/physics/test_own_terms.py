@@ -251,7 +251,7 @@ if __name__ == "__main__":
     assert again.centroids[0, 2] == whole < -1
     script.unlink()
     del sys.modules[str(script)]
-    with pytest.raises(ValueError, match=r"terms\[0\].use = .*sinking.py:Gravity' cannot be imp"):
+    with pytest.raises(ValueError, match=r"terms\[0\].use = .*sinking.py:Gravity' cannot be loa"):
         Simulation.from_run(folder)
     with open_run(folder) as run:  # to look at it needs no term
         assert run.sizes["time"] == 3
@@ -284,9 +284,9 @@ def test_terms_are_scanned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 WRONG = {
-    "use = 'nowhere_at_all:Gravity'": r"terms\[0\].use = 'nowhere_at_all:Gravity' cannot be impo",
-    "use = 'MODULE:Missing'": "cannot be imported .*has no attribute 'Missing'",
-    "use = 'MODULE:MODULE'": "cannot be imported",
+    "use = 'nowhere_at_all:Gravity'": r"terms\[0\].use = 'nowhere_at_all:Gravity' cannot be load",
+    "use = 'MODULE:Missing'": "cannot be loaded .*has no attribute 'Missing'",
+    "use = 'MODULE:MODULE'": "cannot be loaded",
     "use = 'math:pi'": "is no force term",
     "use = 'gone.py:Gravity'": "there is no file .*gone.py",
     "use = 'MODULE:Gravity', wieght = 1.0": "did you mean 'weight'",

@@ -15,6 +15,7 @@ import xarray as xr
 
 from morphosim import (
     Cell,
+    Duration,
     Numerics,
     Physics,
     RunWriter,
@@ -22,6 +23,7 @@ from morphosim import (
     Scene,
     Simulation,
     Sphere,
+    Stage,
     export,
     measured,
     open_run,
@@ -30,7 +32,6 @@ from morphosim.measure.variable import MEASURED, PER_CELL, PER_TIME
 from morphosim.runs.measured_state import MeasuredState, built_in_variables, variables
 from morphosim.runs.schema import CONTACT_LIST, CONTACT_MATRIX, FIELDS, PARENT
 from morphosim.scene.events import Division
-from morphosim.scene.stages import Duration, Stage
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "runs.md"
 CELL = {"dims": ("time", "cell"), "units": "1", "text": "a number"}
