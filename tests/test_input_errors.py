@@ -514,7 +514,6 @@ def test_a_scene_file_is_checked(load: Callable, text: str, words: tuple) -> Non
         ("physics.gama", 1, ("key of physics = 'gama'", "'gamma'?")),
         ("physic.gamma", 1, ("key of the scene = 'physic'", "'physics'?")),
         ("cells.7.name", "b", ("cannot set cells.7.name", "no '7' in a list of 1")),
-        ("duration.long", 1, ("cannot set duration.long", "duration is not a table")),
         ("numerics.dt", "fast", ("numerics.dt = 'fast'", "not a number")),
         ("", 1, ("key of the scene = ''",)),
     ],
