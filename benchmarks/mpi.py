@@ -152,7 +152,7 @@ def planned(
 
 def plan(options: Any) -> None:
     """Table of what larger machines exchange."""
-    pool = Simulation(packed_scene(13, threads=1)).engine.state().pool
+    pool = Simulation(packed_scene(13, threads=1)).engine.step_state().pool
     centre = np.rint(packed_points(13, RADIUS)[0] / SPACING).astype(np.int64)
     box = pool.origin[0] - centre, pool.shape[0]
     rows = np.diff(pool.band[pool.plane_start[0] :][: pool.shape[0, 0]]).sum()

@@ -98,7 +98,7 @@ QUARTILE = 0.25
 the machine: its fast state is then left out of some of them."""
 
 PHASES = {
-    "band": ("load", "gather", "force", "sweeps", "accept"),
+    "band": ("load", "gather", "force", "iterations", "accept"),
     "dct": ("load", "gather", "force", "transform", "accept"),
 }
 """Phases after "accumulate", in the order of the stages of `band_stages`, `transform_stages`."""
@@ -141,7 +141,7 @@ def band_stages(
     stage, cells, phi, history, boxes, terms, interaction, columns, frames, stencil, scheme,
     limits, found, measured, surveys, lost,
 ):  # fmt: skip
-    """What `step_band` does, up to a stage: 1 load, 2 gather, 3 force, 4 sweeps, 5 accept."""
+    """What `step_band` does, up to a stage: 1 load, 2 gather, 3 force, 4 iterations, 5 accept."""
     one = limits.half + limits.half
     for k in range(cells.shape[0]):
         i = cells[k]
@@ -218,7 +218,8 @@ def accumulate_again(lists, phi, boxes, interaction, columns, repeats):
         for _ in range(repeats):
             sum_column(
                 a, lists, phi, boxes, interaction.types, interaction.pull.shape[0],
-                interaction.g, columns.background, columns.repulsion, columns.potential,
+                interaction.g, columns.background, columns.field, columns.repulsion,
+                columns.potential,
             )  # fmt: skip
 
 
@@ -275,7 +276,7 @@ class Profile:
         self.real.step(SETTLING)
         simulation.step(SETTLING)
         engine = self.engine = simulation.engine
-        state = self._state = engine.state()
+        state = self._state = engine.step_state()
         columns = state.coupling.columns
         if columns is None or not columns.felt.all():
             raise ValueError("this account is of cells that meet: take more of them")
@@ -431,7 +432,7 @@ class Profile:
                     run_, (RIGHT_HAND_SIDE + START_OF_SWEEPS) * run_, 0, 2 * reached + 5 * run_
                 ),
                 # Each reads u and the right-hand side, and writes u.
-                "sweeps": Work(
+                "iterations": Work(
                     sweeps * run_, SWEEP * sweeps * run_, 0, sweeps * (reached + 2 * run_)
                 ),
                 # Reads φ twice and H; writes both pools.

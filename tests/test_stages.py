@@ -314,7 +314,7 @@ def test_an_end_that_needs_no_speeds_measures_none(monkeypatch: pytest.MonkeyPat
     def fail(*_: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr("morphosim.engine.engine.centroids", fail)
+    monkeypatch.setattr("morphosim.engine.cell_view.centroids", fail)
     ends = [Duration(20), When(lambda simulation: simulation.time >= 30)]
     stages = [Stage(name=str(k), end=end) for k, end in enumerate(ends)]
     simulation = Simulation(scene(*stages))

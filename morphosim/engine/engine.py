@@ -15,16 +15,17 @@ from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable, Column
 from morphosim.engine import box_pool
 from morphosim.engine.box_pool import BoxPool
+from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
 from morphosim.engine.scheduling import share_out
-from morphosim.engine.solvers.solver import State, make_solver
+from morphosim.engine.solvers.solver import StepState, make_solver
 from morphosim.engine.workspace import Workspace
 from morphosim.geometry.confinement import Confinement
-from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE, TOTAL
+from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.points import records
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
-from morphosim.measure.measurement import Measurement, centroids, measure
+from morphosim.measure.measurement import Measurement, measure
 from morphosim.numerics.parameters import Numerics
 from morphosim.numerics.schemes import coefficients
 from morphosim.physics.parameters import Physics
@@ -50,8 +51,8 @@ cell has no history, and takes a step of first order (Eq. 8); `face_peak` is its
 Fields = Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]]
 
 
-class Engine:
-    """State of a number of cells, and its advance in time. It begins with `start` or `restore`.
+class Engine(CellView):
+    """StepState of a number of cells, and its advance in time. It begins with `start` or `restore`.
 
     Parameters
     ----------
@@ -126,56 +127,16 @@ class Engine:
         return self.cells
 
     @property
-    def volumes(self) -> NDArray[np.float64]:
-        """∫ φ of each cell, µm³."""
-        return np.asarray(self.pool.surveys[:, TOTAL] * self.numerics.spacing**3)
-
-    @property
-    def core_volumes(self) -> NDArray[np.float64]:
-        """Volume where φ exceeds 1/2, of each cell, µm³."""
-        return np.asarray(self.pool.surveys[:, CORE] * self.numerics.spacing**3)
-
-    @property
-    def face_peak(self) -> NDArray[np.float64]:
-        """Certificate: largest |φ| seen on the faces of each cell's box, or edge of its band."""
-        return self.cells["face_peak"]
-
-    @property
-    def lost_volume(self) -> NDArray[np.float64]:
-        """Certificate: ∫ φ that boxes and bands have cut off each cell since the start, µm³."""
-        return np.asarray(self.pool.lost * self.numerics.spacing**3)
-
-    @property
-    def centroids(self) -> NDArray[np.float64]:
-        """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
-        pool = self.pool
-        return centroids(pool.phi, pool.origin, pool.shape, pool.start, self.numerics.spacing)
-
-    @property
-    def fields(self) -> Sequence[CellField]:
-        """The cells' fields: views, valid until the next step."""
-        pool, names = self.pool, self.cells.names
-        return [CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(names)]
-
-    def field(self, row: int) -> CellField:
-        """Field of one cell: a view, valid until the next step."""
-        return CellField(self.cells["name"][row], self.pool.origin[row], self.pool.box(row))
-
-    def column(self, name: str) -> NDArray[Any]:
-        """(N, …) values of a column of the cell table."""
-        return self.cells[name]
+    def nbytes(self) -> int:
+        """Bytes of all arrays that grow with the cells, but for short lists of columns."""
+        parts = (self.pool, self._coupling, self.solver, self._workspace.frames)
+        return sum(part.nbytes for part in parts)
 
     def measured(self) -> Measurement:
         """Shapes and contacts of all cells, measured on the engine's threads."""
         pool = self.pool
         with self.limited_threads():
             return measure(pool.phi, pool.origin, pool.shape, pool.start, self.numerics.spacing)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of all arrays that grow with the cells, but for short lists of columns."""
-        parts = (self.pool, self._coupling, self.solver, self._workspace.frames)
-        return sum(part.nbytes for part in parts)
 
     @contextmanager
     def limited_threads(self) -> Iterator[None]:
@@ -191,7 +152,7 @@ class Engine:
     def step(self) -> None:
         """Advance all cells by δt. Call it within `limited_threads`."""
         self.whole = False
-        state = self.state()
+        state = self.step_state()
         self._coupling.accumulate(self.pool, state.schedule)
         self.solver.advance(state)
         self.cells["fresh"][:] = False
@@ -200,11 +161,11 @@ class Engine:
         self._refit()
         self.whole = True
 
-    def state(self) -> State:
+    def step_state(self) -> StepState:
         """What the next step works on: all set up, and the forces of all terms added up."""
         self.settle()
         self._add_up_forces()
-        return State(
+        return StepState(
             self._schedule, self.pool, self._values, self._coupling, self._workspace,
             self._stencil, self._limits, self._later, self._first,
         )  # fmt: skip

@@ -10,27 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.cell_field import CellField
 from morphosim.engine.engine import RUNAWAY, Engine
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
-from morphosim.measure.measurement import Measurement
 from morphosim.runs import resume
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene import stability
 from morphosim.scene.fingerprint import settings
 from morphosim.scene.scene import Scene
 from morphosim.scene.tables import physics_of, physics_table
-from morphosim.simulation.changes import Changes, used_names
+from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
-from morphosim.simulation.living import LivingCells
 from morphosim.simulation.observers import Observer
 from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
+from morphosim.simulation.state import State
 from morphosim.simulation.volumes import VolumeFunctions
 
 
 @dataclass
-class Simulation(Changes):
+class Simulation(State):
     """State of a scene at one time.
 
     Parameters
@@ -175,31 +173,6 @@ class Simulation(Changes):
         self._used = used_names(self.engine.everyone, self.removed)
 
     @property
-    def steps(self) -> int:
-        """Steps taken."""
-        return self.engine.steps
-
-    @property
-    def whole(self) -> bool:
-        """Whether all cells are at the same step; false if a step has been broken off."""
-        return self.engine.whole
-
-    @property
-    def dt(self) -> float:
-        """Time step δt, *in silico* time."""
-        return self.scene.numerics.dt
-
-    @property
-    def spacing(self) -> float:
-        """Lattice spacing, µm."""
-        return self.scene.numerics.spacing
-
-    @property
-    def threads(self) -> int:
-        """Number of threads."""
-        return self.engine.workers
-
-    @property
     def stages_ended(self) -> int:
         """Number of the scene's stages that have ended."""
         return self._stages.index
@@ -209,71 +182,6 @@ class Simulation(Changes):
         """Whether the scene's duration, or the last of its stages, is over."""
         over = self.engine.steps >= self.scene.numerics.steps_to(self.scene.duration)
         return over or (bool(self.scene.stages) and self._stages.done)
-
-    @property
-    def cells(self) -> LivingCells:
-        """The cells that are alive."""
-        return LivingCells(self.engine.everyone, self._volumes)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the cells that are alive."""
-        return self.engine.everyone.names
-
-    @property
-    def types(self) -> list[str]:
-        """Types of the cells that are alive."""
-        return self.engine.everyone.types
-
-    @property
-    def parents(self) -> list[str]:
-        """Names of their mothers; "" where they are not known."""
-        return list(self.engine.everyone["parent"].tolist())
-
-    @property
-    def volumes(self) -> NDArray[np.float64]:
-        """∫ φ of each cell, µm³."""
-        return self.engine.volumes
-
-    @property
-    def core_volumes(self) -> NDArray[np.float64]:
-        """Volume where φ exceeds 1/2, of each cell, µm³."""
-        return self.engine.core_volumes
-
-    @property
-    def targets(self) -> NDArray[np.float64]:
-        """Target volumes V(t), µm³."""
-        targets: NDArray[np.float64] = self.engine.everyone["target"].copy()
-        self._volumes.fill(targets, self.engine.everyone, self.time)
-        return targets
-
-    @property
-    def face_peak(self) -> NDArray[np.float64]:
-        """Certificate: largest |φ| so far at the faces of each cell's box, or edge of its band."""
-        return self.engine.face_peak
-
-    @property
-    def lost_volume(self) -> NDArray[np.float64]:
-        """Certificate: ∫ φ that boxes and bands have cut off each cell since the start, µm³."""
-        return self.engine.lost_volume
-
-    @property
-    def fields(self) -> Sequence[CellField]:
-        """The cells' fields: views, valid until the next step."""
-        return self.engine.fields
-
-    @property
-    def centroids(self) -> NDArray[np.float64]:
-        """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
-        return self.engine.centroids
-
-    def column(self, name: str) -> NDArray[Any]:
-        """(N, …) values of a column of the cell table, such as the state of a force term."""
-        return self.engine.column(name)
-
-    def measured(self) -> Measurement:
-        """Shapes and contacts of all cells, measured on the simulation's threads."""
-        return self.engine.measured()
 
     def step(self, steps: int = 1) -> None:
         """Advance by a number of steps of δt.

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.engine.solvers.solver import Solver, State
+from morphosim.engine.solvers.solver import Solver, StepState
 from morphosim.kernels.layout import CellTerms
 from morphosim.kernels.step import step_band
 from morphosim.numerics.chebyshev import (
@@ -48,7 +48,7 @@ class BandSolver:
         """See `Solver`."""
         return np.asarray(shape.prod(axis=1), float)
 
-    def advance(self, state: State) -> None:
+    def advance(self, state: StepState) -> None:
         """See `Solver`."""
         step_band(
             *state._replace(terms=self.with_weights(state.terms)).acting(), state.workspace.found,

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.solvers.cosine_transforms import CosineTables, transform_cost
-from morphosim.engine.solvers.solver import Solver, State
+from morphosim.engine.solvers.solver import Solver, StepState
 from morphosim.kernels.step import step_transform
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
@@ -41,7 +41,7 @@ class CosineSolver:
         """See `Solver`."""
         return transform_cost(shape)
 
-    def advance(self, state: State) -> None:
+    def advance(self, state: StepState) -> None:
         """See `Solver`."""
         step_transform(
             *state.acting(), state.workspace.found, state.workspace.measured, state.stencil,

@@ -12,7 +12,7 @@ from morphosim.engine.solvers.cosine_transforms import (
     SciPyTransform,
     transform_cost,
 )
-from morphosim.engine.solvers.solver import State
+from morphosim.engine.solvers.solver import StepState
 from morphosim.kernels.step import accept_all, prepare_all
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
@@ -50,7 +50,7 @@ class LibrarySolver:
         """See `Solver`."""
         return transform_cost(shape)
 
-    def advance(self, state: State) -> None:
+    def advance(self, state: StepState) -> None:
         """See `Solver`."""
         pool, schedule, workspace = state.pool, state.schedule, state.workspace
         if len(self._rhs) != len(pool.phi):
@@ -71,7 +71,7 @@ class LibrarySolver:
             workspace.found, workspace.measured, pool.surveys,
         )  # fmt: skip
 
-    def _solve(self, cells: Integers, state: State, library: BoxTransform) -> None:
+    def _solve(self, cells: Integers, state: StepState, library: BoxTransform) -> None:
         """Implicit solve of some cells in the pool `_rhs`."""
         for i in cells.tolist():
             scheme = state.first if state.terms.fresh[i] else state.later

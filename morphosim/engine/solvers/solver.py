@@ -15,7 +15,7 @@ from morphosim.numerics.parameters import SOLVERS, Numerics
 from morphosim.physics.parameters import Physics
 
 
-class State(NamedTuple):
+class StepState(NamedTuple):
     """What a step works on."""
 
     schedule: Schedule
@@ -66,7 +66,7 @@ class Solver(Protocol):
     def cost(self, shape: NDArray[np.int64]) -> NDArray[np.float64]:
         """(N,) relative work of boxes of these shapes (N, 3)."""
 
-    def advance(self, state: State) -> None:
+    def advance(self, state: StepState) -> None:
         """Advance the cells of the schedule, and survey them."""
 
     @property

@@ -1,0 +1,114 @@
+"""What a simulation is at the present time: its cells, their fields and figures."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.cell_field import CellField
+from morphosim.measure.measurement import Measurement
+from morphosim.scene.scene import Scene
+from morphosim.simulation.changes import Changes
+from morphosim.simulation.living import LivingCells
+
+
+class State(Changes):
+    """Facts of the present time; a part of `Simulation`. Arrays have a row for each living cell.
+
+    Attributes
+    ----------
+    scene : Scene
+    """
+
+    scene: Scene
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return self.engine.steps
+
+    @property
+    def whole(self) -> bool:
+        """Whether all cells are at the same step; false if a step has been broken off."""
+        return self.engine.whole
+
+    @property
+    def dt(self) -> float:
+        """Time step δt, *in silico* time."""
+        return self.scene.numerics.dt
+
+    @property
+    def spacing(self) -> float:
+        """Lattice spacing, µm."""
+        return self.scene.numerics.spacing
+
+    @property
+    def threads(self) -> int:
+        """Number of threads."""
+        return self.engine.workers
+
+    @property
+    def cells(self) -> LivingCells:
+        """The cells that are alive."""
+        return LivingCells(self.engine.everyone, self._volumes)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cells that are alive."""
+        return self.engine.everyone.names
+
+    @property
+    def types(self) -> list[str]:
+        """Types of the cells that are alive."""
+        return self.engine.everyone.types
+
+    @property
+    def parents(self) -> list[str]:
+        """Names of their mothers; "" where they are not known."""
+        return list(self.engine.everyone["parent"].tolist())
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """∫ φ of each cell, µm³."""
+        return self.engine.volumes
+
+    @property
+    def core_volumes(self) -> NDArray[np.float64]:
+        """Volume where φ exceeds 1/2, of each cell, µm³."""
+        return self.engine.core_volumes
+
+    @property
+    def targets(self) -> NDArray[np.float64]:
+        """Target volumes V(t), µm³."""
+        targets: NDArray[np.float64] = self.engine.everyone["target"].copy()
+        self._volumes.fill(targets, self.engine.everyone, self.time)
+        return targets
+
+    @property
+    def face_peak(self) -> NDArray[np.float64]:
+        """Certificate: largest |φ| so far at the faces of each cell's box, or edge of its band."""
+        return self.engine.face_peak
+
+    @property
+    def lost_volume(self) -> NDArray[np.float64]:
+        """Certificate: ∫ φ that boxes and bands have cut off each cell since the start, µm³."""
+        return self.engine.lost_volume
+
+    @property
+    def fields(self) -> Sequence[CellField]:
+        """The cells' fields: views, valid until the next step."""
+        return self.engine.fields
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
+        return self.engine.centroids
+
+    def column(self, name: str) -> NDArray[Any]:
+        """(N, …) values of a column of the cell table, such as the state of a force term."""
+        return self.engine.column(name)
+
+    def measured(self) -> Measurement:
+        """Shapes and contacts of all cells, measured on the simulation's threads."""
+        return self.engine.measured()
