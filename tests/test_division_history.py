@@ -19,7 +19,7 @@ from .helpers import (
 )
 from .reference import full_grid as fg
 
-SIGMA, STEPS, FINE = 0.8, 12, 4
+SIGMA, STEPS, FINE = 0.8, 10, 8
 """Attraction; steps of δt = 2 before and after the division; steps of the full grid in each."""
 BALLS = [((0, 0, 0), 3.5), ((7.2, 0.5, 0), 3.8), ((3, 6.4, 0.3), 3.5)]
 AXIS, NAMES = (0, 1, 0.2), ("x", "y")
