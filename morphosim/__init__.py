@@ -19,7 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 _EXPORTS = {
     "Column": "cell_table",
+    "Concern": "physics.term",
+    "Conditions": "physics.term",
+    "Environment": "physics.term",
+    "Forces": "physics.term",
+    "Step": "physics.term",
     "Term": "physics.term",
+    "CellTable": "cell_table",
     "point_force": "kernels.points",
     "open_run": "accessor",
     "CellVanishedError": "errors",
@@ -89,7 +95,7 @@ _EXPORTS = {
 
 if TYPE_CHECKING:
     from morphosim.accessor import open_run
-    from morphosim.cell_table import Column
+    from morphosim.cell_table import CellTable, Column
     from morphosim.errors import CellVanishedError, DivergenceError, SaveError
     from morphosim.exports.export import export
     from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
@@ -115,7 +121,14 @@ if TYPE_CHECKING:
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
     from morphosim.physics.parameters import Physics
-    from morphosim.physics.term import Term
+    from morphosim.physics.term import (
+        Concern,
+        Conditions,
+        Environment,
+        Forces,
+        Step,
+        Term,
+    )
     from morphosim.runs.measured_state import measured
     from morphosim.runs.pack import pack
     from morphosim.runs.saved_fields import load_fields
@@ -141,8 +154,11 @@ __all__ = [
     "BoxWalls",
     "Cell",
     "CellChange",
+    "CellTable",
     "CellVanishedError",
     "Column",
+    "Concern",
+    "Conditions",
     "Differentiation",
     "DistributedSimulation",
     "DivergenceError",
@@ -150,7 +166,9 @@ __all__ = [
     "Duration",
     "Ellipsoid",
     "EllipsoidShell",
+    "Environment",
     "Field",
+    "Forces",
     "FunctionWalls",
     "LabelImage",
     "Lineage",
@@ -174,6 +192,7 @@ __all__ = [
     "StabilityWarning",
     "Stage",
     "Steady",
+    "Step",
     "Term",
     "VolumeCourse",
     "When",

@@ -13,6 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 Rows = NDArray[np.int64]
+RESERVED = frozenset(
+    {"phi", "history", "band", "kinds", "next_id", "check", "facts", "rows", "file"}
+)
+"""Names that checkpoints and ranks use for other things than columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +37,12 @@ class Column:
         sets anew, and scratch space, need not be saved.
     shared : bool
         Whether every MPI rank knows it of all cells; else only the rank that steps the cell does.
+        Such columns are the engine's, which changes them on all ranks alike.
+
+    Raises
+    ------
+    ValueError
+        The name is no identifier, or is taken.
     """
 
     name: str
@@ -43,6 +53,14 @@ class Column:
     saved: bool = True
     shared: bool = False
 
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier() or self.name in RESERVED:
+            message = (
+                f"column name = {self.name!r} is not allowed: take letters, digits and _, and "
+                f"none of {sorted(RESERVED)}"
+            )
+            raise ValueError(message)
+
     def new(self, count: int) -> NDArray[Any]:
         """Values of new cells: (count, *shape)."""
         return np.full((count, *self.shape), self.default, self.dtype)
@@ -50,8 +68,21 @@ class Column:
     def passed_on(self, mothers: NDArray[Any]) -> NDArray[Any]:
         """Values of two daughters of each of these mothers, (2 n, *shape)."""
         if callable(self.inherits):
-            return np.asarray(self.inherits(mothers), self.dtype)
+            return self.fitted(self.inherits(mothers), 2 * len(mothers))
         return np.repeat(mothers, 2, axis=0) if self.inherits else self.new(2 * len(mothers))
+
+    def fitted(self, values: Any, count: int) -> NDArray[Any]:
+        """Array (count, *shape) of the column's type; ValueError if the values do not fit."""
+        try:
+            result = self.new(count)
+            result[...] = np.asarray(values, self.dtype)
+        except (TypeError, ValueError) as error:
+            message = (
+                f"column {self.name!r} of {count} cells takes values of shape "
+                f"{(count, *self.shape)} and type {np.dtype(self.dtype)}, or one for all: {error}"
+            )
+            raise ValueError(message) from error
+        return result
 
 
 IDENTITY = (
@@ -105,6 +136,9 @@ class CellTable:
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self._values[name]
 
+    def __setitem__(self, name: str, values: Any) -> None:
+        self._values[name][...] = values
+
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 
@@ -155,15 +189,16 @@ class CellTable:
     def require(self, columns: Iterable[Column]) -> list[str]:
         """Have exactly these columns besides `IDENTITY`; return the names of the new ones.
 
-        Columns that stay keep their values, new ones have their defaults.
+        Columns that are declared as before keep their values, new ones have their defaults.
         """
-        before, count = self._values, len(self)
+        before, values, count = self.columns, self._values, len(self)
         self.columns = _by_name((*IDENTITY, *columns))
+        kept = {name for name, column in self.columns.items() if before.get(name) == column}
         self._values = {
-            name: before[name] if name in before else column.new(count)
+            name: values[name] if name in kept else column.new(count)
             for name, column in self.columns.items()
         }
-        return [name for name in self.columns if name not in before]
+        return [name for name in self.columns if name not in kept]
 
     def add(self, values: Mapping[str, Any], types: Sequence[str]) -> Rows:
         """Append cells; columns that are not among `values` have their defaults. Return the rows.
@@ -172,13 +207,13 @@ class CellTable:
         ----------
         values : by column, (n, …) values; "name" among them
         types : (n,) types of the cells
+
+        Raises
+        ------
+        ValueError
+            Values do not fit a column; the table is as it was.
         """
-        count, first = len(types), len(self)
-        kinds = [self.number_of(kind) for kind in types]
-        ids = np.arange(self.next_id, self.next_id + count, dtype=np.uint64)
-        self._append({"id": ids, "kind": kinds} | dict(values), count)
-        self.next_id += count
-        return np.arange(first, first + count)
+        return self._append(self._fitted(values, types))
 
     def remove(self, rows: ArrayLike) -> None:
         """Drop cells; those behind them move up."""
@@ -200,17 +235,31 @@ class CellTable:
             among them
         types : (2 n,), optional
             By default the mothers'.
+
+        Raises
+        ------
+        ValueError
+            Values do not fit a column; the table is as it was.
         """
+        return self.replace(rows, self.born(rows, values, types))
+
+    def born(
+        self, rows: ArrayLike, values: Mapping[str, Any], types: Sequence[str] | None = None
+    ) -> dict[str, NDArray[Any]]:
+        """All columns of the daughters of cells; see `divide`. They are not in the table yet."""
         mothers = np.atleast_1d(np.asarray(rows, np.int64))
-        born = {
+        inherited = {
             name: column.passed_on(self._values[name][mothers])
-            for name, column in self.columns.items()
-        } | dict(values)
+            for name, column in self.columns.items() if name not in values
+        }  # fmt: skip
         if types is None:
-            types = [self.kinds[kind] for kind in born["kind"].tolist()]
-        del born["id"], born["kind"]
-        self.remove(mothers)
-        return self.add(born, types)
+            types = [self.kinds[kind] for kind in inherited["kind"].tolist()]
+        return self._fitted(inherited | dict(values), types)
+
+    def replace(self, rows: ArrayLike, born: Mapping[str, NDArray[Any]]) -> Rows:
+        """Replace cells by those that `born` gave; return their rows."""
+        self.remove(rows)
+        return self._append(born)
 
     def select(self, rows: Rows, columns: Iterable[str] | None = None) -> dict[str, NDArray]:
         """Copies of some rows of columns, by default of all of them."""
@@ -252,24 +301,45 @@ class CellTable:
         return columns | {"kinds": np.array(self.kinds, str), "next_id": np.array(self.next_id)}
 
     def restore(self, values: Mapping[str, NDArray[Any]]) -> None:
-        """Hold exactly the cells that `saved` gave; columns that it lacks have their defaults."""
+        """Hold exactly the cells that `saved` gave; columns that are not saved have defaults.
+
+        Raises
+        ------
+        ValueError
+            `values` lacks a column.
+        """
+        lacking = [c.name for c in self.columns.values() if c.saved and c.name not in values]
+        if lacking:
+            message = f"the saved state lacks the columns {lacking}: its terms were others"
+            raise ValueError(message)
         count = len(values["id"])
         self.kinds, self.next_id = values["kinds"].tolist(), int(values["next_id"])
         for name, column in self.columns.items():
             self._values[name] = column.new(count)
-            if name in values:
+            if column.saved:
                 self._values[name][:] = values[name]
         self.index()
 
-    def _append(self, values: Mapping[str, Any], count: int) -> None:
-        for name, column in self.columns.items():
-            new = column.new(count)
-            if name in values:
-                new[:] = values[name]
-            self._values[name] = np.concatenate([self._values[name], new])
-        fresh = slice(len(self) - count, None)
-        names, ids = self._values["name"][fresh].tolist(), self._values["id"][fresh].tolist()
-        self._ids.update(zip(names, ids, strict=True))
+    def _fitted(self, values: Mapping[str, Any], types: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """All columns of new cells of these types, with the ids that come next."""
+        count = len(types)
+        given = dict(values) | {
+            "id": np.arange(self.next_id, self.next_id + count, dtype=np.uint64),
+            "kind": [self.number_of(kind) for kind in types],
+        }
+        return {
+            name: column.fitted(given[name], count) if name in given else column.new(count)
+            for name, column in self.columns.items()
+        }
+
+    def _append(self, new: Mapping[str, NDArray[Any]]) -> Rows:
+        """Append rows of all columns, and return them."""
+        first, count = len(self), len(new["id"])
+        for name, values in new.items():
+            self._values[name] = np.concatenate([self._values[name], values])
+        self._ids.update(zip(new["name"].tolist(), new["id"].tolist(), strict=True))
+        self.next_id += count
+        return np.arange(first, first + count)
 
 
 def _by_name(columns: Iterable[Column]) -> dict[str, Column]:

@@ -2,7 +2,7 @@
 
 
 class SimulationError(RuntimeError):
-    """A simulation cannot go on; `time` and `cell` say when and where."""
+    """A simulation cannot go on; `time` and `cell` say when and where; "" is no cell in particular."""
 
     def __init__(self, message: str, *, time: float, cell: str) -> None:
         super().__init__(message)
@@ -16,6 +16,10 @@ class DivergenceError(SimulationError):
 
 class CellVanishedError(SimulationError):
     """A cell's field is below 1/2 everywhere (paper §2.3, "cell disappearance")."""
+
+
+class TermError(SimulationError):
+    """A force term has raised an error; the message names it, and the time."""
 
 
 class SaveError(OSError):

@@ -1,12 +1,14 @@
 """Which columns exist: where frames of two cells meet, or where the confinement acts."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, lay_tiles
 from morphosim.kernels.frames import HALO, frame_shapes
 from morphosim.kernels.layout import ColumnLists, Columns
-from morphosim.physics.term import SpaceFunction
+from morphosim.physics.term import SpaceTerm
 
 SHIFTS = np.array([SHIFT, SHIFT, 5])
 TILE_SHAPE = (WIDTH, WIDTH, 32)
@@ -36,11 +38,11 @@ def unpack(keys: Integers) -> Integers:
 
 
 class Background:
-    """A function of space, R of walls or a potential ψ, on tiles; evaluated once per tile.
+    """Functions of space, R of walls or potentials ψ, on tiles; evaluated once per tile.
 
     Parameters
     ----------
-    function : of points x, y, z in µm
+    given : sequence of SpaceTerm
     spacing : float, µm
     dtype : of the fields
     everywhere : bool
@@ -48,9 +50,9 @@ class Background:
     """
 
     def __init__(
-        self, function: SpaceFunction, spacing: float, dtype: DTypeLike, everywhere: bool = False
+        self, given: Sequence[SpaceTerm], spacing: float, dtype: DTypeLike, everywhere: bool = False
     ) -> None:
-        self._function, self._spacing, self._everywhere = function, spacing, everywhere
+        self._given, self._spacing, self._everywhere = given, spacing, everywhere
         self._keys = np.array([_LAST])  # sorted
         self._slots = np.array([-1])
         self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
@@ -85,10 +87,12 @@ class Background:
             shape[axis + 1] = n
             points = corners[:, axis, None] + np.arange(n)
             axes.append((points * self._spacing).reshape(shape))
-        values = np.broadcast_to(self._function(*axes), (len(keys), *TILE_SHAPE))
-        if not np.isfinite(values).all():
-            message = "a confinement, or a term's function of space, is not finite everywhere"
-            raise ValueError(message)
+        shape = (len(keys), *TILE_SHAPE)
+        parts = [
+            self._checked(each, np.broadcast_to(each.function(*axes), shape))
+            for each in self._given
+        ]
+        values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
         acts = self._everywhere | (values.reshape(len(keys), -1).max(axis=1) > _ABSENT)
         slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
         tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)
@@ -96,6 +100,16 @@ class Background:
         order = np.argsort(np.concatenate([self._keys, keys]))
         self._keys = np.concatenate([self._keys, keys])[order]
         self._slots = np.concatenate([self._slots, slots])[order]
+
+    def _checked(self, each: SpaceTerm, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of a function; ValueError if they are not finite, or those of a wall negative."""
+        if not np.isfinite(values).all():
+            message = f"{each.name}: its function of space is not finite everywhere"
+            raise ValueError(message)
+        if not self._everywhere and values.min() < 0:
+            message = f"{each.name}: its wall is {values.min():g} somewhere; it must be ≥ 0"
+            raise ValueError(message)
+        return values
 
 
 def _tiles_of(begin: Integers, depth: Integers) -> Integers:

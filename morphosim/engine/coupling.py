@@ -16,7 +16,7 @@ from morphosim.kernels.columns import accumulate
 from morphosim.kernels.frames import frame_sizes
 from morphosim.kernels.layout import ColumnLists, Columns, Interaction
 from morphosim.kernels.pairs import accumulate_pairs
-from morphosim.physics.term import Environment, Floats, SpaceFunction
+from morphosim.physics.term import Environment, SpaceTerm
 
 
 class Coupling:
@@ -130,24 +130,18 @@ class _Space:
     dtype: np.dtype
     everywhere: bool
 
-    def renewed(self, given: Sequence[tuple[Any, SpaceFunction]], spacing: float) -> "_Space":
-        """The functions given, by key; the tiles that there are, if the keys are the same."""
-        keys = tuple(key for key, _ in given)
-        if keys == self.keys:
+    def renewed(self, given: Sequence[SpaceTerm], spacing: float) -> "_Space":
+        """The functions given; the tiles that there are, if they depend on what they did."""
+        keys = tuple(each.key for each in given)
+        if _equal(keys, self.keys):
             return self
-        functions = [function for _, function in given]
-        tiles = None
-        if functions:
-            tiles = Background(_sum(functions), spacing, self.dtype, self.everywhere)
+        tiles = Background(given, spacing, self.dtype, self.everywhere) if given else None
         return replace(self, keys=keys, tiles=tiles)
 
 
-def _sum(functions: list[SpaceFunction]) -> SpaceFunction:
-    """Sum of functions of space."""
-    if len(functions) == 1:
-        return functions[0]
-
-    def total(x: Floats, y: Floats, z: Floats) -> Floats:
-        return np.asarray(sum(function(x, y, z) for function in functions))
-
-    return total
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two values are equal; those that cannot be compared, as arrays, are not."""
+    try:
+        return bool(one == other)
+    except ValueError:
+        return False

@@ -20,6 +20,7 @@ from morphosim.engine.coupling import Coupling
 from morphosim.engine.scheduling import share_out
 from morphosim.engine.solvers.solver import StepState, make_solver
 from morphosim.engine.workspace import Workspace
+from morphosim.errors import TermError
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
@@ -49,6 +50,11 @@ COLUMNS = (
 cell has no history, and takes a step of first order (Eq. 8); `face_peak` is its certificate.
 """
 Fields = Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]]
+
+
+def check_columns(physics: Physics) -> None:
+    """Raise ValueError if columns of its terms have names of others, or of the engine's."""
+    CellTable((*COLUMNS, *physics.columns))
 
 
 class Engine(CellView):
@@ -129,7 +135,7 @@ class Engine(CellView):
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays that grow with the cells, but for short lists of columns."""
-        parts = (self.pool, self._coupling, self.solver, self._workspace.frames)
+        parts = (self.cells, self.pool, self._coupling, self.solver, self._workspace.frames)
         return sum(part.nbytes for part in parts)
 
     def measured(self) -> Measurement:
@@ -151,8 +157,8 @@ class Engine(CellView):
 
     def step(self) -> None:
         """Advance all cells by δt. Call it within `limited_threads`."""
-        self.whole = False
         state = self.step_state()
+        self.whole = False
         self._coupling.accumulate(self.pool, state.schedule)
         self.solver.advance(state)
         self.cells["fresh"][:] = False
@@ -165,8 +171,9 @@ class Engine(CellView):
         """What the next step works on: all set up, and the forces of all terms added up."""
         self.settle()
         self._add_up_forces()
+        values = self._values._replace(fresh=self.cells["fresh"])
         return StepState(
-            self._schedule, self.pool, self._values, self._coupling, self._workspace,
+            self._schedule, self.pool, values, self._coupling, self._workspace,
             self._stencil, self._limits, self._later, self._first,
         )  # fmt: skip
 
@@ -212,19 +219,19 @@ class Engine(CellView):
         types : of both daughters
         halves : their fields
         """
+        born = self.cells.born(row, values, types)
         self.pool.release([row])
-        rows = self.cells.divide(row, values, types)
+        rows = self.cells.replace(row, born)
         self.pool.lay(rows, ((half.origin, half.phi) for half in halves))
         self.face_peak[rows] = self.pool.surveys[rows, EDGE]
         self.change()
 
     def set_physics(self, physics: Physics) -> None:
         """Let other physics hold; the next step is of first order for all."""
-        before = set(self.cells.columns)
-        self.cells.require((*COLUMNS, *physics.columns))
+        new = set(self.cells.require((*COLUMNS, *physics.columns)))
         self.physics = physics
         for term in physics.active_terms:
-            if any(column.name not in before for column in term.columns):
+            if any(column.name in new for column in term.columns):
                 term.start(self.cells, self.numerics)
         self.restart()
 
@@ -303,7 +310,14 @@ class Engine(CellView):
         forces.pressure[:] = 0
         forces.drift[:] = 0
         for term in self._terms:
-            term.update(self.cells, step, forces)
+            try:
+                term.update(self.cells, step, forces)
+            except Exception as error:  # a user's own code
+                message = (
+                    f"force term {term.name} failed at t = {step.time:g}: {type(error).__name__}: "
+                    f"{error}"
+                )
+                raise TermError(message, time=step.time, cell="") from error
         values.pressure[:] = forces.pressure
         if values.drift is not None:
             values.drift[:] = forces.drift

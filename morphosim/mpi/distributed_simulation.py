@@ -55,7 +55,7 @@ class DistributedSimulation(Simulation):
         )
         engine = cast(DistributedEngine, self.engine)
         engine.start(cell_columns(cells), self.scene.types, rows, fields)
-        self._used = used_names(engine.everyone, ())
+        self._used = used_names(engine.everyone)
 
     def _take_over(self, state: Checkpoint) -> None:
         """See `Simulation`."""

@@ -167,6 +167,9 @@ class Attraction(Term):
 
     def surround(self, environment: Environment) -> None:
         """Add to ψ."""
+        if environment.attraction is not None:
+            message = "there are two attractions; state all of it as one physics.sigma"
+            raise ValueError(message)
         environment.attraction = self
 
     def concern(self, conditions: Conditions) -> Concern | None:
@@ -174,7 +177,7 @@ class Attraction(Term):
         strongest = self.strongest(conditions.types)
         softest = float(conditions.tensions.min())
         limit = STRONGEST["long" if conditions.numerics.dt > 1 else "short"]
-        if not conditions.several or strongest <= limit * softest:
+        if not (conditions.several or conditions.staged) or strongest <= limit * softest:
             return None
         return Concern(
             strongest / (limit * softest),

@@ -62,7 +62,7 @@ class ConfinementRepulsion(Term):
         if walls is not None:
             gamma = float(f"{environment.tension:.{SIGNIFICANT}g}")
             function = wall_repulsion(walls, self.g_e, gamma, numerics)
-            environment.walls.append(((self, walls, gamma), function))
+            environment.add_wall(self, function, walls, gamma)
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """g_e φ_e² at most, and what pressing cells to the wall adds."""

@@ -73,7 +73,27 @@ class Physics:
         for k, term in enumerate(self.terms):
             _validate.instance(f"physics.terms[{k}]", term, Term)
         object.__setattr__(self, "terms", tuple(self.terms))
-        _ = self.all_terms  # each checks its own parameters
+        self._check_columns()  # and each of `all_terms` its own parameters
+
+    def _check_columns(self) -> None:
+        """Raise ValueError if two terms have a column of the same name, or one is shared."""
+        owners: dict[str, Term] = {}
+        for term in self.active_terms:
+            for column in term.columns:
+                if column.name in owners:
+                    message = (
+                        f"the force terms {owners[column.name].name} and {term.name} both have a "
+                        f"column {column.name!r}; give one of them another name (`columns` may be "
+                        "a property, where two terms are of one class)"
+                    )
+                    raise ValueError(message)
+                if column.shared and term in self.terms:
+                    message = (
+                        f"force term {term.name}: column {column.name!r} is shared; only columns "
+                        "of the engine are"
+                    )
+                    raise ValueError(message)
+                owners[column.name] = term
 
     @property
     def all_terms(self) -> tuple[Term, ...]:

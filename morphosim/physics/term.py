@@ -11,7 +11,7 @@ and a term adds to one or more of its parts: to the pressure p and the drift d o
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ class Step:
         return self.number * self.dt
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Forces:
     """What the terms add to in a step; all is 0 at its beginning.
 
@@ -89,6 +89,16 @@ class Pull(Protocol):
         """Whether `exceptions` looks at the cells' mothers."""
 
 
+class SpaceTerm(NamedTuple):
+    """A function of space."""
+
+    name: str
+    """Of its term, for errors."""
+    function: SpaceFunction
+    key: tuple[Any, ...]
+    """What it depends on."""
+
+
 @dataclass(slots=True)
 class Environment:
     """What cells feel of each other and of space: R = Σ_j g φ_j² + walls, and ψ.
@@ -103,11 +113,8 @@ class Environment:
         Strength of Σ_j g φ_j² in R.
     attraction : Pull or None
         ψ_i = Σ_j σ_ji φ_j.
-    walls : list of (key, function)
-        Functions R(x, y, z) ≥ 0 of points in µm. They are evaluated again only if their key, any
-        value that can be compared, changes.
-    potentials : list of (key, function)
-        Likewise, functions ψ(x, y, z). A cell drifts with the velocity ∇ψ/τ where ψ is linear.
+    walls, potentials : lists of SpaceTerm
+        See `add_wall` and `add_potential`.
     """
 
     numerics: Numerics
@@ -115,8 +122,19 @@ class Environment:
     tension: float
     g: float = 0.0
     attraction: Pull | None = None
-    walls: list[tuple[Any, SpaceFunction]] = field(default_factory=list)
-    potentials: list[tuple[Any, SpaceFunction]] = field(default_factory=list)
+    walls: list[SpaceTerm] = field(default_factory=list)
+    potentials: list[SpaceTerm] = field(default_factory=list)
+
+    def add_wall(self, term: "Term", function: SpaceFunction, *depends: Any) -> None:
+        """Add R(x, y, z) ≥ 0, a function of points in µm.
+
+        It is evaluated again only if the term, or something else that it `depends` on, changes.
+        """
+        self.walls.append(SpaceTerm(term.name, function, (term, *depends)))
+
+    def add_potential(self, term: "Term", function: SpaceFunction, *depends: Any) -> None:
+        """Add ψ(x, y, z), likewise. Where it is linear, a cell drifts with the velocity ∇ψ/τ."""
+        self.potentials.append(SpaceTerm(term.name, function, (term, *depends)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +149,9 @@ class Conditions:
     volumes : (m,) target volumes of these cells, and those that they come to, µm³
     types : cell types that there are or may be
     several : bool
-        Whether there is more than one cell, now or later.
+        Whether there is more than one cell, now or by divisions that are stated.
+    staged : bool
+        Whether there are stages, whose events may bring about more cells.
     tau, interface_scale : float
         See `Physics`.
     numerics, confinement
@@ -143,6 +163,7 @@ class Conditions:
     volumes: Floats
     types: Sequence[str]
     several: bool
+    staged: bool
     tau: float
     interface_scale: float
     numerics: Numerics

@@ -31,7 +31,8 @@ class Checkpoint:
     arrays : what `Engine.contents` gives: the columns of the cell table, and the fields
     volumes : target volumes that are functions, by name of the cell: what a scene file says of a
         `VolumeCourse`, or None for another function, which is the scene's to say
-    progress : how far the stages are, see `Progress.facts`; None without stages
+    used : names that other cells had before
+    progress : how far the stages are, see `StageRunner.facts`; None without stages
     back : state that the present stage may end with
     """
 
@@ -42,6 +43,7 @@ class Checkpoint:
     settings: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
     volumes: Mapping[str, Mapping[str, Any] | None] = field(default_factory=dict)
+    used: tuple[str, ...] = ()
     progress: Mapping[str, Any] | None = None
     back: "Checkpoint | None" = None
 
@@ -85,6 +87,7 @@ class Checkpoint:
         facts = json.loads(str(arrays.pop(FACTS)))
         del facts["format"], facts["version"]
         facts["removed"] = tuple((time, name) for time, name in facts["removed"])
+        facts["used"] = tuple(facts["used"])
         inner = {
             name.removeprefix(BACK): arrays.pop(name)
             for name in list(arrays) if name.startswith(BACK)

@@ -103,6 +103,9 @@ def check_values(name: str, values: Mapping[str, Any]) -> None:
             _validate.text(f"cell {name!r}: {key}", values[key])
     if "frozen" in values:
         _validate.flag(f"cell {name!r}: frozen", values["frozen"])
+    if "volume" in values and values["volume"] is None:
+        message = f"cell {name!r}: volume = None; a living cell takes a number or a function"
+        raise ValueError(message)
     if values.get("gamma") is not None:
         _validate.number(f"cell {name!r}: gamma", values["gamma"], above=0)
 

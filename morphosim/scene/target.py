@@ -72,7 +72,7 @@ class Target(Protocol):
         axis: ArrayLike,
         fraction: float = 0.5,
         types: tuple[str, str] | None = None,
-        volumes: tuple[float, float] | None = None,
+        volumes: Any = None,
     ) -> None:
         """Divide a cell; see `Simulation.divide`."""
 

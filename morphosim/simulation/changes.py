@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
 from morphosim.cell_table import CellTable
-from morphosim.engine.engine import Engine
+from morphosim.engine.engine import Engine, check_columns
 from morphosim.physics.parameters import Physics
-from morphosim.scene.cell import check_values, volume_at
+from morphosim.scene.cell import VolumeFunction, check_values, volume_at
 from morphosim.scene.events import CHANGEABLE
 from morphosim.simulation.division import divided
 from morphosim.simulation.volumes import VolumeFunctions
@@ -58,7 +58,7 @@ class Changes:
         axis: ArrayLike,
         fraction: float = 0.5,
         types: tuple[str, str] | None = None,
-        volumes: tuple[float, float] | None = None,
+        volumes: tuple[float | VolumeFunction, float | VolumeFunction] | None = None,
     ) -> None:
         """Divide a cell in its box; the daughters' next step is of first order.
 
@@ -72,7 +72,8 @@ class Changes:
         types : optional
             By default the mother's.
         volumes : optional
-            Target volumes in µm³; by default shares of what the mother's is now.
+            Target volumes in µm³, or functions of time; by default shares of what the mother's
+            is now.
 
         Raises
         ------
@@ -85,19 +86,23 @@ class Changes:
                 message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
                 raise ValueError(message)
         engine, target = self.engine, self._target(cell)
-        kind = engine.everyone.kinds[engine.everyone["kind"][row]]
-        kinds = (kind, kind) if types is None else types
-        shares = (fraction * target, (1 - fraction) * target) if volumes is None else volumes
-        for name, share, type_ in zip(daughters, shares, kinds, strict=True):
-            check_values(name, {"type": type_})
-            volume_at(name, share, self.time)
         halves = divided(
             engine.field(row), engine.numerics.spacing, axis, fraction, daughters,
             self.physics.interface_scale,
         )  # fmt: skip
-        values = {"name": daughters, "parent": [cell, cell], "target": shares}
+        kind = engine.everyone.kinds[engine.everyone["kind"][row]]
+        kinds = (kind, kind) if types is None else types
+        shares = (fraction * target, (1 - fraction) * target) if volumes is None else volumes
+        for name, type_ in zip(daughters, kinds, strict=True):
+            check_values(name, {"type": type_})
+        targets = [
+            volume_at(name, share, self.time) for name, share in zip(daughters, shares, strict=True)
+        ]
+        values = {"name": daughters, "parent": [cell, cell], "target": targets}
         engine.divide(row, values, kinds, halves)
         self._volumes.forget([cell])
+        for name, share in zip(daughters, shares, strict=True):
+            self._volumes.set(name, share)
         self._used.update(daughters)
         self._tell(f"division of {cell} into {daughters[0]} and {daughters[1]}")
 
@@ -130,9 +135,15 @@ class Changes:
         rows = np.array([self._row(name) for name in names], np.int64)
         for name in names:
             check_values(name, values)
+            if "volume" in values:
+                volume_at(name, values["volume"], self.time)
         changed = np.zeros(len(rows), bool)
+        setters = {
+            "type": self._set_type, "gamma": self._set_gamma, "volume": self._set_volume,
+            "frozen": self._set_frozen,
+        }  # fmt: skip
         for key, value in values.items():
-            changed |= getattr(self, f"_set_{key}")(rows, value)
+            changed |= setters[key](rows, value)
         if changed.any():
             touched = ", ".join(name for name, is_so in zip(names, changed, strict=True) if is_so)
             self._tell(f"change of {', '.join(values)} of {touched}")
@@ -148,16 +159,18 @@ class Changes:
         _validate.keys("change of physics", values, _validate.names_of(Physics))
         physics = replace(self.physics, **values)
         if physics != self.physics:
-            self._tell(f"change of {', '.join(values)}")
+            check_columns(physics)
             self.engine.set_physics(physics)
+            self._tell(f"change of {', '.join(values)}")
 
     def _set_type(self, rows: Rows, kind: str) -> NDArray[np.bool_]:
         """Give cells a type; return which of them had another."""
         table = self.engine.everyone
-        changed = table["kind"][rows] != table.number_of(kind)
-        table.set_types(rows[changed], [kind] * int(changed.sum()))
-        self.engine.change()
-        return np.asarray(changed)
+        changed = np.array([table.kinds[k] != kind for k in table["kind"][rows]], bool)
+        if changed.any():
+            table.set_types(rows[changed], [kind] * int(changed.sum()))
+            self.engine.change()
+        return changed
 
     def _set_gamma(self, rows: Rows, gamma: float | None) -> NDArray[np.bool_]:
         own = np.nan if gamma is None else gamma
@@ -165,7 +178,8 @@ class Changes:
 
     def _set_frozen(self, rows: Rows, frozen: bool) -> NDArray[np.bool_]:
         changed = self._set_column("frozen", rows, frozen)
-        self.engine.restart(rows[changed])
+        if changed.any():
+            self.engine.restart(rows[changed])
         return changed
 
     def _set_volume(self, rows: Rows, volume: Any) -> NDArray[np.bool_]:
@@ -185,8 +199,9 @@ class Changes:
         """Set a column for cells; return which of them had another value."""
         column = self.engine.everyone[name]
         changed = ~np.isclose(column[rows], value, rtol=0, atol=0, equal_nan=True)
-        column[rows] = value
-        self.engine.change()
+        if changed.any():
+            column[rows] = value
+            self.engine.change()
         return np.asarray(changed)
 
     def _target(self, name: str) -> float:
@@ -207,6 +222,8 @@ class Changes:
 
     def _take_out(self, rows: Sequence[int]) -> None:
         """Take out the cells of these rows, the last first."""
+        if not rows:
+            return
         names = [self.engine.everyone["name"][row] for row in rows]
         for name in names:
             self._tell(f"removal of {name}")
@@ -215,6 +232,6 @@ class Changes:
         self._volumes.forget(names)
 
 
-def used_names(table: CellTable, removed: Iterable[tuple[float, str]]) -> set[str]:
-    """Names that cells have or have had: living ones, their mothers, and those taken out."""
-    return {*table["name"], *table["parent"], *(name for _, name in removed)} - {""}
+def used_names(table: CellTable) -> set[str]:
+    """Names that cells have or have had at the start: their own, and their mothers'."""
+    return {*table["name"], *table["parent"]} - {""}

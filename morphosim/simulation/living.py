@@ -56,11 +56,12 @@ class LivingCells(Sequence[LivingCell]):
             return [self[k] for k in range(len(self))[i]]
         row, cells = range(len(self))[i], self._cells
         name, own = cells["name"][row], float(cells["own_tension"][row])
+        function = self._volumes.get(name)
         return LivingCell(
             name=name,
             type=cells.kinds[cells["kind"][row]],
             parent=cells["parent"][row],
             gamma=None if np.isnan(own) else own,
             frozen=bool(cells["frozen"][row]),
-            volume=self._volumes.get(name) or float(cells["target"][row]),
+            volume=float(cells["target"][row]) if function is None else function,
         )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.engine.engine import RUNAWAY, Engine
+from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
 from morphosim.runs import resume
 from morphosim.runs.checkpoint import Checkpoint
@@ -83,6 +83,8 @@ class Simulation(State):
     def __post_init__(self, state: Checkpoint | None) -> None:
         scene = self.scene
         scene.check_stages()
+        for physics in scene.courses:
+            check_columns(physics)
         self._stages = StageRunner(scene.stages)
         self._settings = settings(scene)
         self._volumes = VolumeFunctions(
@@ -106,7 +108,7 @@ class Simulation(State):
         """Begin with the cells of the scene."""
         cells = self.scene.cells
         self.engine.start(cell_columns(cells), self.scene.types, start_fields(self.scene, cells))
-        self._used = used_names(self.engine.everyone, ())
+        self._used = used_names(self.engine.everyone)
 
     @classmethod
     def from_run(
@@ -155,6 +157,7 @@ class Simulation(State):
             settings=self._settings,
             arrays=arrays if stages is None else arrays | {"check": stages.centroids},
             volumes=self._volumes.said(),
+            used=tuple(sorted(self._used.difference(self.names))),
             progress=None if stages is None else stages.facts(),
             back=None if stages is None else stages.back,
         )
@@ -170,7 +173,7 @@ class Simulation(State):
         self._volumes = VolumeFunctions.of(state.volumes, known | self._volumes.functions)
         self.engine.restore(state.arrays, physics_of(state.physics, state.names), state.steps)
         self.stage, self.removed = state.stage, list(state.removed)
-        self._used = used_names(self.engine.everyone, self.removed)
+        self._used = {*state.used, *state.names}
 
     @property
     def stages_ended(self) -> int:
@@ -256,11 +259,13 @@ class Simulation(State):
 
     def _raise_divergence(self, i: int) -> None:
         numerics, name = self.scene.numerics, self.names[i]
+        own = ", ".join(term.name for term in self.physics.terms)
+        terms = f"; or look at your own force terms: {own}" if own else ""
         message = (
             f"cell {name!r} diverged at t = {self.time:g} (step {self.engine.steps}): "
             f"its field is not finite or exceeds {RUNAWAY:g} in magnitude. It keeps the field of "
             f"t = {self.time - numerics.dt:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
-            f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces"
+            f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces{terms}"
         )
         raise DivergenceError(message, time=self.time, cell=name)
 

@@ -52,8 +52,10 @@ class VolumeFunctions:
         ValueError
             A function gives a volume that is not positive and finite.
         """
-        for name, function in self._functions.items():
-            targets[cells.row(name)] = volume_at(name, function, time)
+        if self._functions:
+            targets[cells.rows(self._functions)] = [
+                volume_at(name, function, time) for name, function in self._functions.items()
+            ]
 
     def said(self) -> dict[str, dict[str, Any] | None]:
         """What a checkpoint says of them."""

@@ -116,7 +116,7 @@ class Chemotaxis(Term):
 
     def surround(self, environment: Any) -> None:
         """Add ψ, which is evaluated anew only if the slope changes."""
-        environment.potentials.append((self, lambda x, y, z: self.slope * (x - z + 0 * y)))
+        environment.add_potential(self, lambda x, y, z: self.slope * (x - z + 0 * y))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,9 +128,7 @@ class Floor(Term):
 
     def surround(self, environment: Any) -> None:
         """Add R."""
-        environment.walls.append(
-            (self, lambda x, y, z: self.strength * (z < self.height) + 0 * (x + y))
-        )
+        environment.add_wall(self, lambda x, y, z: self.strength * (z < self.height) + 0 * (x + y))
 
     def explicit_rate(self, conditions: Any) -> float:
         """R at most."""

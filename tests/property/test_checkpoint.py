@@ -39,6 +39,7 @@ def checkpoints(back: st.SearchStrategy[Checkpoint | None]) -> st.SearchStrategy
         stage=st.text(max_size=8),
         removed=st.lists(st.tuples(st.floats(0, 1e6), st.text(max_size=5)), max_size=2).map(tuple),
         settings=tables,
+        used=st.lists(st.text(max_size=5), max_size=2).map(tuple),
         arrays=st.dictionaries(array_names, arrays, max_size=4),
         volumes=st.dictionaries(st.text(max_size=5), st.none() | tables, max_size=2),
         progress=st.none() | tables,
