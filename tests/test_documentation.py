@@ -127,6 +127,18 @@ def test_the_page_of_terms_holds_a_cell_with_a_floor(page_of_terms: ModuleType) 
     assert -1.5 < held[2] < 0
 
 
+def test_the_page_of_terms_holds_a_cell_in_a_well(page_of_terms: ModuleType) -> None:
+    ball = Cell(name="a", shape=Sphere(center=(3, 0, 0), radius=4))
+    numerics = Numerics(solver="band", threads=1, dt=0.5)
+    physics = Physics(terms=[page_of_terms.Well(k=0.05)])
+    simulation = Simulation(Scene(cells=[ball], physics=physics, numerics=numerics))
+    simulation.run(until=20)
+    begin = simulation.centroids[0, 0]
+    simulation.run(until=40)
+    rate = np.log(begin / simulation.centroids[0, 0]) / 20
+    np.testing.assert_allclose(rate, 0.05 / physics.tau, rtol=0.03)
+
+
 def test_the_page_of_terms_pushes_where_the_surface_faces(page_of_terms: ModuleType) -> None:
     moved = moved_by(page_of_terms.Protrude())
     assert moved[0] > 0.2
