@@ -2,7 +2,7 @@
 
 Run as `python benchmarks/band.py`; about six minutes. The error is the difference of centroids
 between the two solvers with the same numerics otherwise, in nanometres; `stencil` is that of the
-transforms with the symbol of the band's stencil, which more sweeps come to. Time is that of the
+transforms with the symbol of the band's stencil, which more iterations come to. Time is that of the
 whole run, both solvers in turn. With --long the embryo is run to t = 15000 by both.
 """
 
@@ -28,9 +28,9 @@ SCENES = {
     "embryo": (embryo(), 480.0),
 }
 VARIANTS: dict[str, dict[str, Any]] = {
-    "2 sweeps": {},
-    "3 sweeps": {"sweeps": 3},
-    "4 sweeps": {"sweeps": 4},
+    "2 iterations": {},
+    "3 iterations": {"sweeps": 3},
+    "4 iterations": {"sweeps": 4},
     "tolerance 3e-3": {"box_tolerance": 3e-3},
     "tolerance 1e-4": {"box_tolerance": 1e-4},
     "draft": PRESETS["draft"],

@@ -72,9 +72,9 @@ FORCE = 3 * DERIVATIVE + 6 + 3 * (DERIVATIVE + 2) + 6 + 2
 products, 3 differences); φ R (a product, a difference) (`force`, without drift)."""
 RIGHT_HAND_SIDE = FORCE + 4 + 3
 """F; a0 φ + a1 F + H; b0 φ + b1 F (`plane_right_hand_side`)."""
-START_OF_SWEEPS = 4
+START_OF_ITERATIONS = 4
 """e0 φ + e1 (H + F)."""
-SWEEP = 3 * 5 + 5 + 5
+ITERATION = 3 * 5 + 5 + 5
 """Three sums of six neighbours; their weights (3 products, 2 sums); the rest (3 products, 2 sums)
 (`weighted_neighbours`, `iterate_plane`)."""
 READ = 3
@@ -423,17 +423,17 @@ class Profile:
         columns = 2.0 * ROWS * float(self._state.coupling.lists.length.sum()) / len(engine)
         box = float(self._state.pool.sizes().mean())
         if self.solver == "band":
-            sweeps = int(self._terms.n_iterations[0])
+            count = int(self._terms.n_iterations[0])
             own = {
                 # Writes: φ's frame cleared and filled, that of H filled, that of the start cleared.
                 "load": Work(listed, 0, 2 * listed, 2 * reached + 2 * wide),
                 # Reads φ, R, H, ψ; writes H, the right-hand side and the start.
                 "force": Work(
-                    run_, (RIGHT_HAND_SIDE + START_OF_SWEEPS) * run_, 0, 2 * reached + 5 * run_
+                    run_, (RIGHT_HAND_SIDE + START_OF_ITERATIONS) * run_, 0, 2 * reached + 5 * run_
                 ),
                 # Each reads u and the right-hand side, and writes u.
                 "iterations": Work(
-                    sweeps * run_, SWEEP * sweeps * run_, 0, sweeps * (reached + 2 * run_)
+                    count * run_, ITERATION * count * run_, 0, count * (reached + 2 * run_)
                 ),
                 # Reads φ twice and H; writes both pools.
                 "accept": Work(listed, SURVEY * listed, 2 * listed, 3 * listed),

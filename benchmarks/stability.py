@@ -223,8 +223,8 @@ PARAMETERS = (
 HEAD = """# Stability
 
 Measured by `benchmarks/stability.py`; see [choosing numerics](choosing-numerics.md). First the
-smallest stable S of the eight-cell embryo, in brackets what `stability.least_S` asks for;
-then how far single parameters go at two presets.
+smallest stable S of the eight-cell embryo, in brackets what `morphosim.scene.stability.least_S`
+asks for; then how far single parameters go at two presets.
 
 """
 LIMIT_PRESETS = ("standard", "published")

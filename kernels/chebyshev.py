@@ -1,4 +1,4 @@
-"""The implicit step on the band: Chebyshev iterations of (lhs - γΔ) u = r, no transforms.
+"""The implicit step on the narrow band: Chebyshev iterations of (lhs - γΔ) u = r, no transforms.
 
 One iteration is u ← u + ω (r - lhs u + γΔu). The 1/ω of a step's iterations are the roots of a
 Chebyshev polynomial, so that together they reduce every error (`numerics.chebyshev`). Outside of

@@ -1,9 +1,9 @@
-"""Sums over cells on sparse columns of the lattice.
+"""Sums over cells on sparse accumulation columns of the lattice.
 
 The cells' sums Σ g φ² (repulsion) and Σ φ per cell type (attraction) are accumulated on columns of
 8 × 8 rows along z. A column reaches as far as the frames over it hang together and exists only
-where two of them meet or a confinement acts, so memory follows the cells, and each row of a frame
-lies in one column. Each column is summed by one thread in the order of its cell list: the result
+where two of them meet or walls act, so memory follows the cells, and each row of a frame lies in
+one column. Each column is summed by one thread in the order of its cell list: the result
 does not depend on the number of threads. A cell takes its own share off when it reads.
 """
 

@@ -2,7 +2,7 @@
 
 F = - γ c W'(φ) - φ R - ∇φ·∇ψ + p |∇φ| + ∇φ·d + f      (Eq. S2, S3 of the paper)
 
-R is the repulsion felt by the cell (other cells and the confinement), ψ its attraction potential,
+R is the repulsion felt by the cell (other cells and walls), ψ its attraction potential,
 p its pressure (volume constraint), d its drift (motility: -κ √δt u), and f what a term of the
 user's own computes at each point of φ, ∇φ and Δφ (`point_force`).
 """

@@ -1,10 +1,11 @@
-"""Frames: a thread's working copy of one cell's box, with a halo around it.
+"""Frames: padded work arrays, each a thread's copy of one cell's box with a halo around it.
 
 A frame has HALO more points at each end of each axis, so that stencils need no care at the faces
-and one plane of the band is one long run: rows y0 … y1 with the halos between them. What a run
-computes in those halos is dropped. Outside of the band a frame is 0; where the whole box is worked
-on, the halo mirrors it. Rows are whole vectors long and begin on their boundaries. Frames are flat:
-point (x, y, z) of the box lies at `frame_index`, its neighbours along x, y, z at `strides` and 1.
+and one plane of the narrow band is one long run: rows y0 … y1 with the halos between them. What a
+run computes in those halos is dropped. Outside of the band a frame is 0; where the whole box is
+worked on, the halo mirrors it. Rows are whole vectors long and begin on their boundaries. Frames
+are flat: point (x, y, z) of the box lies at `frame_index`, its neighbours along x, y, z at
+`strides` and 1.
 """
 
 import numpy as np

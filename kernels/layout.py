@@ -25,7 +25,7 @@ class Boxes(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Sums over cells on the columns that exist: W × W rows along z, as long as cells overlap."""
+    """Sums on the accumulation columns that exist: W × W rows along z, as long as cells overlap."""
 
     cover_start: np.ndarray
     """(N,) int64, first index of each cell in `cover`."""
@@ -105,7 +105,7 @@ class Stencil(NamedTuple):
 
 
 class Scheme(NamedTuple):
-    """(lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ and Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ; see `schemes`.
+    """(lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ and Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ; see `numerics.schemes`.
 
     Iterations start from e0 φⁿ + e1 (Hⁿ + Fⁿ).
     """
@@ -138,13 +138,13 @@ class CellTerms(NamedTuple):
     well: np.ndarray
     """(N,) 4 γ c."""
     pressure: np.ndarray
-    """(N,) factor of |∇φ|: the volume constraint."""
+    """(N,) p of p |∇φ|: the volume constraint and the like."""
     drift: Any
-    """(N, 3) factor of ∇φ: motility and the like, or None."""
+    """(N, 3) d of d·∇φ: motility and the like; None without."""
     points: Any
-    """(N,) records with the values of a force at each point; see `forces`. None without."""
+    """(N,) records with the values of a force at each point; see `points`. None without."""
     fresh: np.ndarray
-    """(N,) bool, whether the cell has no history and takes a step of first order."""
+    """(N,) bool, whether the cell has no history and makes a first-order start."""
     n_iterations: np.ndarray
     """(N,) int64, Chebyshev iterations of the step."""
     weights: np.ndarray

@@ -1,4 +1,4 @@
-"""Kernels that put parts of fields into messages and take them out: the rows of the band alone."""
+"""Fields of ghost cells put into messages and taken out: the rows of the narrow band alone."""
 
 import numpy as np
 

@@ -119,7 +119,7 @@ def find_extents(bounds, fields, level):
 
 @kernel()
 def overlapping_pairs(order, low, high, out):
-    """Find the pairs of boxes [low, high) that overlap; sweeps along x.
+    """Find the pairs of boxes [low, high) that overlap, going along x.
 
     Parameters
     ----------

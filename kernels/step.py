@@ -2,7 +2,7 @@
 
 Work is shared out as lists of cells, one list per thread. What a cell does depends on its own box
 and on the column sums of the last state only, so the result is the same for any number of threads.
-A thread works in frames (`frames`), which stay in its cache.
+A thread works in padded work arrays (`frames`), which stay in its cache.
 
 A cell whose new field is not finite, or runs away, keeps its old field; its survey tells.
 """

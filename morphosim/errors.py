@@ -2,7 +2,7 @@
 
 
 class SimulationError(RuntimeError):
-    """A simulation cannot go on; `time` and `cell` say when and where, "" for no single cell."""
+    """A simulation cannot go on; `time` and `cell` say when and where, "" for no cell alone."""
 
     def __init__(self, message: str, *, time: float, cell: str) -> None:
         super().__init__(message)

@@ -37,7 +37,7 @@ def centroids(steps: int, **numerics: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["relative volume", "shell", "together"])  # each is compiled
-def test_many_sweeps_are_the_scheme_on_the_full_grid(name: str) -> None:
+def test_many_iterations_are_the_scheme_on_the_full_grid(name: str) -> None:
     """With the stencil's Laplacian; what is left is the band's cut at the box tolerance."""
     case = TOGETHER if name == "together" else TERMS[name]
     limits = replace(
@@ -48,7 +48,7 @@ def test_many_sweeps_are_the_scheme_on_the_full_grid(name: str) -> None:
     check(replace(case, numerics=numerics, limits=limits, without=()))
 
 
-def test_two_sweeps_are_within_a_nanometre_of_the_transforms() -> None:
+def test_two_iterations_are_within_a_nanometre_of_the_transforms() -> None:
     begin, exact = centroids(0), centroids(60)
     assert np.abs(exact - begin).max() > 0.05, "the cells move"
     error = 1e3 * np.abs(centroids(60, solver="band") - exact).max()
@@ -56,7 +56,7 @@ def test_two_sweeps_are_within_a_nanometre_of_the_transforms() -> None:
     assert error > 1e-3, "another solver, not the same"
 
 
-def test_more_sweeps_are_nearer_to_the_exact_solution() -> None:
+def test_more_iterations_are_nearer_to_the_exact_solution() -> None:
     exact = centroids(30, laplacian="stencil", box_tolerance=1e-5, precision="double")
     errors = [
         np.abs(
@@ -68,7 +68,7 @@ def test_more_sweeps_are_nearer_to_the_exact_solution() -> None:
     assert errors[2] < 0.2 * errors[0]
 
 
-def test_the_steady_state_does_not_depend_on_the_sweeps() -> None:
+def test_the_steady_state_does_not_depend_on_the_iterations() -> None:
     scene = Scene(cells=[Cell(name="a", shape=Sphere(center=(0.1, 0.2, 0.3), radius=3.0))])
     volumes = []
     for sweeps in (2, 8):
@@ -138,13 +138,13 @@ def test_attraction_by_pairs_alone() -> None:
     np.testing.assert_allclose(*found, atol=2e-6)
 
 
-# --- the sweeps ----------------------------------------------------------------------------------
+# --- the iterations ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.5, 2.0, 8.0])
 @pytest.mark.parametrize("S", [0.0, 3.0, 12.0])
 @pytest.mark.parametrize("spacing", [0.25, 0.5, 0.75])
-def test_sweeps_reduce_every_error(dt: float, S: float, spacing: float) -> None:
+def test_iterations_reduce_every_error(dt: float, S: float, spacing: float) -> None:
     numerics = Numerics(dt=dt, S=S, spacing=spacing)
     lhs, top = coefficients(numerics, 2.62, False)["lhs"], 0.25 * largest_eigenvalue(6, spacing)
     roots = chebyshev_roots(lhs, 0.5, top, numerics.sweeps)
@@ -155,7 +155,7 @@ def test_sweeps_reduce_every_error(dt: float, S: float, spacing: float) -> None:
     assert len(roots) >= numerics.sweeps
 
 
-def test_stiff_diffusion_takes_more_sweeps() -> None:
+def test_stiff_diffusion_takes_more_iterations() -> None:
     standard = coefficients(Numerics(), 2.62, False)["lhs"]
     assert len(chebyshev_roots(standard, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) == 2
     plain = coefficients(Numerics(S=0.0), 2.62, False)["lhs"]

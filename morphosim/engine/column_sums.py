@@ -1,4 +1,4 @@
-"""Which columns exist: where frames of two cells meet, or where the confinement acts."""
+"""Which accumulation columns exist: where frames of two cells meet, or where walls act."""
 
 from collections.abc import Sequence
 
@@ -12,14 +12,14 @@ from morphosim.physics.term import SpaceTerm
 
 SHIFTS = np.array([SHIFT, SHIFT, 5])
 TILE_SHAPE = (WIDTH, WIDTH, 32)
-"""Columns consist of such tiles, on which the confinement is evaluated."""
+"""Columns consist of such tiles, on which walls are evaluated."""
 _BITS = 21
 _OFFSET = 1 << (_BITS - 1)
 """Added to tile coordinates so that three of them pack into one non-negative int64 key."""
 _ABSENT = 1e-6
-"""A tile with g_e φ_e² below this everywhere has no confinement."""
+"""A tile where R of walls is below this everywhere has no walls."""
 MOST_AT_ONCE = 512
-"""Tiles on which the confinement is evaluated together."""
+"""Tiles on which walls are evaluated together."""
 _LAST = np.iinfo(np.int64).max
 """A key beyond those of all tiles."""
 Integers = NDArray[np.int64]
@@ -58,7 +58,7 @@ class Background:
         self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
 
     def acts(self, begin: Integers, end: Integers) -> NDArray[np.bool_]:
-        """Whether the confinement acts in each column of tiles [begin, end)."""
+        """Whether walls act in each column of tiles [begin, end)."""
         depth = end - begin
         slots = self._slots_of(_tiles_of(begin, depth))
         return np.logical_or.reduceat(slots >= 0, np.cumsum(depth) - depth)
@@ -69,7 +69,7 @@ class Background:
         lay_tiles(self._tiles, self._slots_of(_tiles_of(begin, depth)), depth, out)
 
     def _slots_of(self, keys: Integers) -> Integers:
-        """Places of tiles in `_tiles`; -1 for those where the confinement does not act."""
+        """Places of tiles in `_tiles`; -1 for those where walls do not act."""
         place = np.searchsorted(self._keys, keys)
         unknown = self._keys[place] != keys
         if unknown.any():

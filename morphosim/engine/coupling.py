@@ -1,4 +1,4 @@
-"""What cells feel of each other and of walls: sums on sparse columns, and potentials of pairs."""
+"""What cells feel of each other and of walls: sums on accumulation columns, and pairs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -47,7 +47,7 @@ COLUMNS = (
 """What the engine keeps of each cell, besides what force terms do.
 
 `frozen` cells act on others and are not stepped; `target` is the target volume V(t), µm³; a `fresh`
-cell has no history, and takes a step of first order (Eq. 8); `face_peak` is its certificate.
+cell has no history, and makes a first-order start (Eq. 8); `face_peak` is its certificate.
 """
 Fields = Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]]
 
@@ -210,7 +210,7 @@ class Engine(CellView):
     def divide(
         self, row: int, values: Mapping[str, Any], types: Sequence[str], halves: Sequence[CellField]
     ) -> None:
-        """Replace a cell by two, which come last and take a step of first order.
+        """Replace a cell by two, which come last and make a first-order start.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class Engine(CellView):
         self.change()
 
     def set_physics(self, physics: Physics) -> None:
-        """Let other physics hold; the next step is of first order for all."""
+        """Set other physics; all cells make a first-order start."""
         new = set(self.cells.require((*COLUMNS, *physics.columns)))
         self.physics = physics
         for term in physics.active_terms:
@@ -236,11 +236,11 @@ class Engine(CellView):
         self.restart()
 
     def change(self) -> None:
-        """Say that other cells, types, tensions or parameters hold; cells keep their history."""
+        """Say that cells, types, tensions or parameters have changed; cells keep their history."""
         self._changed = True
 
     def restart(self, rows: ArrayLike | None = None) -> None:
-        """Forget the history of cells, by default of all: their next step is of first order."""
+        """Forget the history of cells, by default of all: they make a first-order start."""
         chosen = np.arange(len(self)) if rows is None else np.asarray(rows, np.int64)
         self.cells["fresh"][chosen] = True
         self.pool.forget(chosen.tolist())

@@ -20,8 +20,8 @@ class DistributedSimulation(Simulation):
     """`Simulation` whose cells are shared out over all ranks of the MPI job.
 
     All ranks make it of the same scene and make the same calls in the same order. Steps, events,
-    stages and errors are the same as on one rank, fields to rounding. Figures of all cells, such
-    as `centroids`, are gathered on all ranks. See `RootObserver` for output.
+    stages, errors and fields are the same as on one rank, to the last bit. Figures of all cells,
+    such as `centroids`, are gathered on all ranks. See `RootObserver` for output.
 
     Raises
     ------

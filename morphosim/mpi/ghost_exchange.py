@@ -96,7 +96,7 @@ class GhostExchange:
         Parameters
         ----------
         pool : BoxPool
-            Of the rank's cells and copies.
+            Of the rank's cells and ghost cells.
         rows : (n,) numbers of its cells
         sends, gets : by rank, what is sent to it and what it sends
         """

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
 
 CONVERGENCE = 0.6
-"""Least reduction of every error by the sweeps of a step."""
+"""Least reduction of every error by the iterations of a step."""
 MORE_WITHOUT_HISTORY = 2
-"""Sweeps in addition, where there is no history to start from."""
+"""Iterations in addition, where there is no history to start from."""
 
 
 def largest_eigenvalue(order: int, spacing: float) -> float:
@@ -19,10 +19,10 @@ def largest_eigenvalue(order: int, spacing: float) -> float:
 
 
 def chebyshev_roots(lhs: float, interface: float, top: float, sweeps: int) -> NDArray[np.float64]:
-    """Roots λ of the error polynomial Π (1 - a/λ) of the sweeps over eigenvalues a of lhs - γΔ.
+    """Roots λ of the iterations' error polynomial Π (1 - a/λ) over eigenvalues a of lhs - γΔ.
 
     It is the Chebyshev polynomial of an interval that ends at lhs + `top` and begins such that its
-    first root is lhs + `interface`: the eigenvalue of what the sweeps mostly correct, a moving
+    first root is lhs + `interface`: the eigenvalue of what iterations mostly correct, a moving
     interface. There the error vanishes; elsewhere it is reduced at least by `CONVERGENCE`.
 
     Parameters

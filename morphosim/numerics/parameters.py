@@ -44,8 +44,8 @@ class Numerics:
         that is already in motion with 0.
     solver : {"dct", "band"}
         How the implicit step is solved: exactly, by cosine transforms of each box, or by `sweeps`
-        Chebyshev iterations on the band, the rows where the field is not 0. Not used by "euler",
-        which is explicit and works on the band.
+        Chebyshev iterations on the narrow band, the rows where the field is not 0. Not used by
+        "euler", which is explicit and works on the band.
     sweeps : int
         Least number of Chebyshev iterations of the "band" solver; more are taken where fewer would
         not converge (see `numerics.chebyshev`).
@@ -58,8 +58,8 @@ class Numerics:
         `order`, which the band always has.
     walls : {"resolved", "stepped"}
         How a hard wall (a confinement whose `width` is 0) lies on the lattice: as a wall that the
-        lattice resolves and that repels alike (see `walls`), or, as published, as 0 or 1 at each
-        lattice point. Other confinements are taken as they are.
+        lattice resolves and that repels alike (see `physics.confinement_repulsion`), or, as
+        published, as 0 or 1 at each lattice point. Other confinements are taken as they are.
     box_tolerance : float
         Largest |φ| allowed on the faces of a cell's box. The band, where gradients are evaluated
         and neighbours are felt, is where |φ| exceeds it.
@@ -145,7 +145,7 @@ class Numerics:
 
     @property
     def active_solver(self) -> str:
-        """The solver at work: explicit Euler has but that of the band."""
+        """The solver at work: explicit Euler has that of the band alone."""
         return "band" if self.scheme == "euler" else self.solver
 
     @property

@@ -3,10 +3,10 @@
 Every implicit scheme here is (lhs - γΔ) φⁿ⁺¹ = a0 φⁿ + a1 Fⁿ + Hⁿ with Hⁿ⁺¹ = b0 φⁿ + b1 Fⁿ, so
 that one history array H carries all that Eq. 9 needs of φⁿ⁻¹ and Fⁿ⁻¹.
 
-The "band" solver sweeps towards φⁿ⁺¹ from e0 φⁿ + e1 (Hⁿ + Fⁿ). With history that is
+The "band" solver iterates towards φⁿ⁺¹ from e0 φⁿ + e1 (Hⁿ + Fⁿ). With history that is
 2 φⁿ - φⁿ⁻¹ + (Fⁿ - Fⁿ⁻¹) / (τ / 2δt + S), close to the extrapolation 2 φⁿ - φⁿ⁻¹, and costs no
-memory. Without history it is φⁿ, and takes more sweeps. Explicit Euler is one sweep of weight δt/τ
-from φⁿ with lhs = 0 and the right-hand side F.
+memory. Without history it is φⁿ, and takes more iterations. Explicit Euler is one iteration of
+weight δt/τ from φⁿ with lhs = 0 and the right-hand side F.
 """
 
 from morphosim.numerics.parameters import Numerics

@@ -226,7 +226,7 @@ class Term:
         return self
 
     def start(self, cells: CellTable, numerics: Numerics) -> None:
-        """Set its columns at the start of a simulation; not called when a saved one goes on."""
+        """Set its columns when a simulation or a stage begins with it, not when a run goes on."""
 
     def prepare(self, cells: CellTable, numerics: Numerics) -> None:
         """Set columns that follow from parameters and types; called whenever these change."""

@@ -197,8 +197,8 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     Raises
     ------
     ValueError
-        The scene holds what a file cannot say: a volume function, a function or an object that is
-        not of a module, or a part of a power partition.
+        The scene holds what a file cannot say: a volume function, a function or an object that no
+        module and no script has by name, or a part of a power partition.
     """
     import tomli_w
 

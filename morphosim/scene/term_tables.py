@@ -1,7 +1,7 @@
 """Force terms as tables of a scene file.
 
 A table says by `use` which class the term has, and by the other keys the class's fields:
-`{ use = "mymodule:Gravity", strength = 0.1 }`.
+`{ use = "mymodule:Gravity", weight = 0.1 }`, or `"gravity.py:Gravity"` by its file.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Sweeps towards the implicit step on the band, against NumPy and SciPy."""
+"""Chebyshev iterations towards the implicit step on the band, against NumPy and SciPy."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def random_frame(boxes: Boxes, seed: int, everywhere: bool) -> NDArray[np.float6
     return frame
 
 
-def do_sweep(
+def do_iteration(
     way: str,
     boxes: Boxes,
     source: NDArray,
@@ -75,11 +75,11 @@ def laplacian(boxes: Boxes, frame: NDArray, order: int) -> NDArray:
 
 @both_ways
 @ORDERS
-def test_a_sweep(order: int, way: str) -> None:
+def test_an_iteration(order: int, way: str) -> None:
     boxes, _ = make_boxes(seed=30)
     source, rhs = (random_frame(boxes, seed, everywhere=False) for seed in (31, 32))
     target = empty_frame(boxes, CELL)
-    do_sweep(way, boxes, source, target, rhs, order, WEIGHT)
+    do_iteration(way, boxes, source, target, rhs, order, WEIGHT)
     u, r, found = (inside(f, boxes, CELL) for f in (source, rhs, target))
     expected = u + WEIGHT * (r - LHS * u + GAMMA * laplacian(boxes, source, order))
     rows = in_band(boxes, CELL)
@@ -95,7 +95,7 @@ def test_the_halos_between_rows_are_points_of_the_run(order: int, way: str) -> N
     boxes, _ = make_boxes(seed=30)
     source, rhs = (random_frame(boxes, seed, everywhere=True) for seed in (31, 32))
     target = np.zeros_like(source)
-    do_sweep(way, boxes, source, target, rhs, order, WEIGHT)
+    do_iteration(way, boxes, source, target, rhs, order, WEIGHT)
     change = rhs - LHS * source + GAMMA * flat_laplacian(source, boxes, CELL, order)
     expected = np.where(in_runs(boxes, CELL), source + WEIGHT * change, 0)
     np.testing.assert_allclose(target, expected, rtol=1e-12, atol=1e-13)
@@ -105,8 +105,8 @@ def test_single_precision_stays_single() -> None:
     boxes, _ = make_boxes(seed=30)
     source, rhs = (random_frame(boxes, seed, everywhere=False) for seed in (31, 32))
     expected, found = np.zeros_like(source), np.zeros(source.shape, np.float32)
-    do_sweep("compiled", boxes, source, expected, rhs, 6, WEIGHT)
-    do_sweep("compiled", boxes, source.astype("f4"), found, rhs.astype("f4"), 6, WEIGHT)
+    do_iteration("compiled", boxes, source, expected, rhs, 6, WEIGHT)
+    do_iteration("compiled", boxes, source.astype("f4"), found, rhs.astype("f4"), 6, WEIGHT)
     np.testing.assert_allclose(found, expected, atol=2e-6)
     assert np.abs(found - expected).max() > 0
 
@@ -116,14 +116,14 @@ def weights(order: int, count: int) -> NDArray[np.float64]:
     return 1 / chebyshev_roots(LHS, GAMMA * 4, top, count)
 
 
-def solved_by_sweeps(
+def solved_by_iterations(
     boxes: Boxes, rhs: NDArray, order: int, cycles: int, start: NDArray | None = None
 ) -> NDArray:
-    """Frame after `cycles` times six sweeps, from 0."""
+    """Frame after `cycles` times six iterations, from 0."""
     here = np.zeros_like(rhs) if start is None else start.copy()
     there = np.zeros_like(rhs)
     for weight in np.tile(weights(order, 6), cycles):
-        do_sweep("compiled", boxes, here, there, rhs, order, weight)
+        do_iteration("compiled", boxes, here, there, rhs, order, weight)
         here, there = there, here
     return here
 
@@ -143,13 +143,13 @@ def operator(boxes: Boxes, order: int) -> csr_array:
 
 
 @ORDERS
-def test_sweeps_converge_to_the_solution_that_is_zero_outside_of_the_band(order: int) -> None:
+def test_iterations_converge_to_the_solution_that_is_zero_outside_of_the_band(order: int) -> None:
     boxes, _ = make_boxes(seed=30)
     rhs, domain = random_frame(boxes, 33, everywhere=True), in_runs(boxes, CELL)
     expected = np.zeros_like(rhs)
     matrix = operator(boxes, order)[domain][:, domain]
     expected[domain] = spsolve(matrix.tocsc(), rhs[domain])
-    found = solved_by_sweeps(boxes, rhs, order, cycles=12)
+    found = solved_by_iterations(boxes, rhs, order, cycles=12)
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
@@ -166,18 +166,18 @@ def test_the_halos_do_not_matter_where_the_field_vanishes_before(order: int) -> 
     matrix = operator(boxes, order)[number][:, number]
     expected = np.zeros(len(rhs))
     expected[number] = spsolve(matrix.tocsc(), rhs[number])
-    found = solved_by_sweeps(boxes, rhs, order, cycles=14)
+    found = solved_by_iterations(boxes, rhs, order, cycles=14)
     np.testing.assert_allclose(
         inside(found, boxes, CELL), inside(expected, boxes, CELL), atol=1e-11
     )
     assert np.abs(expected).max() > 0.02
 
 
-def test_one_cycle_of_sweeps_reduces_every_error() -> None:
+def test_one_cycle_of_iterations_reduces_every_error() -> None:
     """In the norm of the symmetric operator's eigenvectors, which is that of the points."""
     boxes, _ = make_boxes(seed=30)
     for seed in range(35, 40):
         error = random_frame(boxes, seed, everywhere=True)
-        left = solved_by_sweeps(boxes, np.zeros_like(error), 6, 1, error)
+        left = solved_by_iterations(boxes, np.zeros_like(error), 6, 1, error)
         assert np.linalg.norm(left) < 0.6 * np.linalg.norm(error)
         assert with_halo(left, boxes, CELL).any()

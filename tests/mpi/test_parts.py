@@ -89,7 +89,7 @@ def test_portion_holds_all_that_is_read_and_lies_in_the_box() -> None:
                 assert (got.end[k] >= high).all()
 
 
-def test_columns_under_a_cell_are_those_of_all_copies() -> None:
+def test_columns_under_a_cell_are_those_of_all_ghost_cells() -> None:
     origin, shape = boxes(3, 60)
     reach, owner = Reach.of(origin, shape), np.arange(60) % 2
     _, gets = portions(origin, shape, owner, 0)
