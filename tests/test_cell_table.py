@@ -103,3 +103,15 @@ def test_arranging_keeps_some_rows_and_empties_the_others() -> None:
     assert cells["age"].tolist() == [0, 3, 0, 1]
     assert cells["place"][0].tolist() == [-1, -1]
     assert cells.row("d") == 3
+
+
+def test_a_division_that_fails_leaves_the_table_as_it_was() -> None:
+    cells = CellTable([Column("odd", shape=(2,), inherits=lambda mothers: np.zeros((5, 3)))])
+    cells.add({"name": ["a", "b"]}, ["", ""])
+    with pytest.raises(ValueError, match=r"column 'odd' of 2 cells takes values of shape \(2, 2\)"):
+        cells.divide(0, {"name": ["x", "y"]})
+    assert cells.names == ["a", "b"]
+    assert cells.divide(0, {"name": ["x", "y"], "odd": 1.0}).tolist() == [1, 2]
+    assert cells["id"].tolist() == [1, 2, 3]
+    cells["odd"] += 2
+    assert cells["odd"][2].tolist() == [3, 3]

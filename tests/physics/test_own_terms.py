@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from morphosim import (
     Sphere,
     StabilityWarning,
     Stage,
+    Step,
     Term,
     load_scene,
     open_run,
@@ -32,6 +34,7 @@ from morphosim import (
     save_scene,
     sweep,
 )
+from morphosim.errors import TermError
 from morphosim.kernels.points import PointForce, force_at_point, records
 
 from .own_terms import (
@@ -312,9 +315,19 @@ def test_wrong_terms_fail_before_the_first_step(row: str, tmp_path: Path) -> Non
 def test_terms_must_be_terms_with_columns_of_their_own() -> None:
     with pytest.raises(TypeError, match=r"physics.terms\[0\] = 3"):
         Physics(terms=[3])  # type: ignore[list-item]
-    twice = Physics(terms=[Persistence(type=""), Persistence(type="swims")])
-    with pytest.raises(ValueError, match="two columns of the cell table are named 'heading'"):
-        Simulation(scene(physics=twice))
+    with pytest.raises(ValueError, match="Persistence and Persistence both have a column 'headi"):
+        Physics(terms=[Persistence(type=""), Persistence(type="swims")])
+    with pytest.raises(ValueError, match="two columns of the cell table are named 'target'"):
+        Simulation(scene(Aiming()))
+    later = Stage(name="s", end=Duration(4), physics={"terms": [Aiming()]})
+    with pytest.raises(ValueError, match="two columns of the cell table are named 'target'"):
+        Simulation(scene(stages=[later]))
+    with pytest.raises(ValueError, match="column name = 'phi' is not allowed"):
+        Column("phi")
+    with pytest.raises(ValueError, match="Shares: column 'heat' is shared"):
+        Physics(terms=[Shares()])
+    with pytest.raises(ValueError, match="two attractions"):
+        Simulation(scene(Attraction(default=0.1)))
     with pytest.raises(ValueError, match="is no force at a point; it must take"):
         point_force(lambda phi: phi)
 
@@ -362,6 +375,46 @@ def test_an_absent_term_has_no_column_and_no_call(monkeypatch: pytest.MonkeyPatc
     plain.step(2)
     assert simulation.engine.nbytes == plain.engine.nbytes
     assert_same(simulation, plain)
+
+
+def test_a_term_that_fails_is_named_and_the_state_before_is_saved(tmp_path: Path) -> None:
+    simulation = Simulation(scene(Fails()))
+    expected = "force term Fails failed at t = 6: ZeroDivisionError"
+    with pytest.raises(TermError, match=expected):
+        simulation.run(observers=[RunWriter(tmp_path, 20)])
+    with open_run(tmp_path) as run:
+        assert run["time"].values.tolist() == [0, 6]
+        assert expected in run.attrs["error"]
+
+
+def test_a_wall_says_whose_it_is_if_it_is_wrong() -> None:
+    with pytest.raises(ValueError, match="Floor: its wall is -2 somewhere; it must be ≥ 0"):
+        Simulation(scene(Floor(height=0.0, strength=-2.0)))
+    with pytest.raises(ValueError, match="Chemotaxis: its function of space is not finite"):
+        Simulation(scene(Chemotaxis(slope=np.inf)))
+
+
+@dataclass(frozen=True)
+class Fails(Term):
+    """A term that fails after three steps."""
+
+    def update(self, cells: Any, step: Step, forces: Any) -> None:
+        """Divide by zero."""
+        forces.pressure += 1 / (3 - step.number)
+
+
+@dataclass(frozen=True)
+class Aiming(Term):
+    """A term with a column of the engine's name."""
+
+    columns = (Column("target"),)
+
+
+@dataclass(frozen=True)
+class Shares(Term):
+    """A term with a column that all ranks should know."""
+
+    columns = (Column("heat", shared=True),)
 
 
 @dataclass(frozen=True)
