@@ -391,7 +391,7 @@ def test_a_wall_says_whose_it_is_if_it_is_wrong() -> None:
     with pytest.raises(ValueError, match="Floor: its wall is -2 somewhere; it must be ≥ 0"):
         Simulation(scene(Floor(height=0.0, strength=-2.0)))
     with pytest.raises(ValueError, match="Chemotaxis: its function of space is not finite"):
-        Simulation(scene(Chemotaxis(slope=np.inf)))
+        Simulation(scene(Chemotaxis(slope=np.nan)))
 
 
 @dataclass(frozen=True)
