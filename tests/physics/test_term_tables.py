@@ -202,3 +202,22 @@ def test_a_term_of_a_function_runs_and_goes_back(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="Local cannot be written to a scene file"):
         simulation.run(observers=[RunWriter(tmp_path / "run", 4)])
     assert simulation.steps == 0
+
+
+def test_a_term_of_a_file_beside_the_scene_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "place"
+    folder.mkdir()
+    (folder / "own.py").write_text(
+        Path(__file__).with_name("own_terms.py").read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    save_scene(scene(), folder / "s.toml")
+    text = (folder / "s.toml").read_text(encoding="utf-8")
+    line = "[physics]\nterms = [{ use = 'own.py:Gravity', weight = 0.3 }]"
+    (folder / "s.toml").write_text(text.replace("[physics]", line), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    read = load_scene(Path("place") / "s.toml")
+    assert read.physics.terms[0].weight == 0.3  # type: ignore[attr-defined]
+    save_scene(read, tmp_path / "other.toml")
+    assert load_scene(tmp_path / "other.toml").physics == read.physics
