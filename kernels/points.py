@@ -7,10 +7,16 @@ are compiled for that type, inline the function known by that name. So compiled 
 on disk as all others are, and a function that is changed has another name.
 """
 
+import dis
 import hashlib
 import inspect
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
+from numbers import Number
+from types import CodeType, ModuleType
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
@@ -21,16 +27,35 @@ from morphosim.kernels._jit import FAST_MATH
 
 _KNOWN: dict[str, Any] = {}
 """Compiled functions by the name of their field."""
+_CHECKED: set[tuple[str, str, int]] = set()
+"""Name, type of the fields and number of values of the forces that `_check` has seen."""
+_HELPERS: "WeakKeyDictionary[Any, str]" = WeakKeyDictionary()
+"""Digests of the compiled functions that forces call."""
+_BY_NAME = {"builtins", "cmath", "math", "numba", "numpy"}
+"""Packages whose functions are known by their names."""
 
 
 class PointForce:
     """A compiled function f(values, phi, gx, gy, gz, laplacian); see `point_force`."""
 
-    def __init__(self, function: Callable[..., Any], name: str) -> None:
-        self.function, self.name = function, name
-        self.compiled = numba.njit(
-            error_model="numpy", fastmath=set(FAST_MATH), forceinline=True
-        )(function)  # fmt: skip
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+        self._compiled: dict[str, Any] = {}
+
+    @property
+    def name(self) -> str:
+        """Another one if the function, or a constant or function that it takes, is another."""
+        return f"point_{_digest(self.function, self.function.__qualname__, {})[:16]}"
+
+    @property
+    def compiled(self) -> Any:
+        """The function for Numba, with the constants that it takes now."""
+        name = self.name
+        if name not in self._compiled:
+            self._compiled[name] = numba.njit(
+                error_model="numpy", fastmath=set(FAST_MATH), forceinline=True
+            )(self.function)  # fmt: skip
+        return self._compiled[name]
 
     def __call__(self, *arguments: Any) -> Any:
         """Value of the plain function."""
@@ -50,50 +75,263 @@ def point_force(function: Callable[..., Any]) -> PointForce:
     Raises
     ------
     ValueError
-        The function does not take these six arguments.
+        The function does not take these six arguments, or takes from outside what is neither
+        numbers nor arrays nor functions.
     """
-    given = list(inspect.signature(function).parameters)
-    if len(given) != 6:
+    if not inspect.isfunction(getattr(function, "py_func", function)):
+        message = f"{function!r} is no force at a point; it must be a function of plain Python"
+        raise ValueError(message)
+    function = getattr(function, "py_func", function)
+    parameters = inspect.signature(function).parameters.values()
+    if len(parameters) != 6 or any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) for p in parameters):
         message = (
-            f"{function.__qualname__}({', '.join(given)}) is no force at a point; it must take "
-            "(values, phi, gx, gy, gz, laplacian)"
+            f"{function.__qualname__}({', '.join(map(str, parameters))}) is no force at a point; "
+            "it must take (values, phi, gx, gy, gz, laplacian)"
         )
         raise ValueError(message)
-    digest = hashlib.sha256(repr(_content(function)).encode()).hexdigest()
-    return PointForce(function, f"point_{digest[:16]}")
+    force = PointForce(function)
+    _ = force.name  # so that what it takes from outside is looked at now
+    return force
 
 
-def _content(function: Any) -> Any:
-    """All that the compiled code of a function depends on: its own and what it calls by name."""
-    function = getattr(function, "py_func", function)
-    if not inspect.isfunction(function):
-        return function
-    code, outside = function.__code__, inspect.getclosurevars(function)
-    used = {**outside.globals, **outside.nonlocals}
-    known = {name: _content(value) for name, value in used.items() if not inspect.ismodule(value)}
-    return code.co_code, code.co_consts, code.co_names, sorted(known.items())
+def _digest(item: Any, where: str, seen: dict[int, int]) -> str:
+    return hashlib.sha256(repr(_content(item, where, seen)).encode()).hexdigest()
 
 
-def records(parts: Sequence[tuple[PointForce, np.ndarray]], dtype: np.dtype) -> np.ndarray | None:
+def _content(item: Any, where: str, seen: dict[int, int]) -> Any:
+    """All that compiled code depends on of a thing that it takes, as numbers and texts.
+
+    Parameters
+    ----------
+    item : a value, a function, or its code
+    where : what it is called, for errors
+    seen : numbers of the functions looked at, by their addresses; they may call themselves
+
+    Raises
+    ------
+    ValueError
+        It is none of what can be told.
+    """
+    kind = type(item).__name__
+    if item is None or item is Ellipsis or isinstance(item, str | bytes | Number | np.generic):
+        return kind, repr(item)
+    if isinstance(item, tuple):
+        inner = [_content(part, f"{where}[{k}]", seen) for k, part in enumerate(item)]
+        return kind, getattr(item, "_fields", ()), inner
+    if isinstance(item, frozenset):
+        return kind, sorted(repr(_content(part, where, seen)) for part in item)
+    if isinstance(item, np.ndarray) and not item.dtype.hasobject:
+        return kind, repr(item.dtype), item.shape, hashlib.sha256(item.tobytes()).hexdigest()
+    if isinstance(item, CodeType):
+        consts = _content(item.co_consts, where, seen)
+        return item.co_code, item.co_exceptiontable, item.co_names, item.co_varnames, consts
+    if (name := _public_name(item)) is not None:
+        return kind, name
+    if inspect.isfunction(getattr(item, "py_func", item)):
+        return _content_of_function(item, where, seen)
+    message = f"point force: {where} is of type {kind}; take numbers, arrays or functions"
+    raise ValueError(message)
+
+
+def _public_name(item: Any) -> str | None:
+    """Name of a module, function or type that is known by it; None for another thing."""
+    if isinstance(item, np.ufunc):
+        return f"numpy.{item.__name__}"
+    module = item.__name__ if isinstance(item, ModuleType) else getattr(item, "__module__", None)
+    name = getattr(item, "__qualname__", None) or getattr(item, "__name__", None)
+    known = name is not None and str(module).partition(".")[0] in _BY_NAME
+    return f"{module}.{name}" if known and not hasattr(item, "py_func") else None
+
+
+def _content_of_function(item: Any, where: str, seen: dict[int, int]) -> Any:
+    """Code of a function, its defaults, and what it takes from outside by name."""
+    function = getattr(item, "py_func", item)
+    if id(function) in seen:
+        return "again", seen[id(function)]
+    seen[id(function)] = len(seen)
+    outside = dict(_outside(function, where))
+    content = (
+        _content(function.__code__, where, seen),
+        _content(function.__defaults__, f"{where}.__defaults__", seen),
+        [
+            (name, _content(value, f"{where}({name})", seen))
+            for name, value in sorted((function.__kwdefaults__ or {}).items())
+        ],
+        [(name, _content(outside[name], name, seen)) for name in sorted(outside)],
+    )
+    if function is item:
+        return content
+    options = sorted(
+        (key, sorted(map(str, value)) if isinstance(value, set | frozenset) else str(value))
+        for key, value in item.targetoptions.items()
+    )
+    _check_unchanged(item, where)
+    return content, options
+
+
+def _check_unchanged(helper: Any, where: str) -> None:
+    """Raise ValueError if what a compiled function takes has changed: Numba compiles it once."""
+    digest = _digest(helper.py_func, where, {})
+    if helper.signatures and _HELPERS.get(helper, digest) != digest:
+        message = (
+            f"point force: {where} has been compiled, and what it takes has changed since; give "
+            "such values by point_values, or define the function anew"
+        )
+        raise ValueError(message)
+    _HELPERS[helper] = digest
+
+
+def _outside(function: Any, where: str) -> Iterator[tuple[str, Any]]:
+    """What a function takes from outside: names and values, those of modules by their paths."""
+    codes = list(_codes(function.__code__))
+    names = {
+        step.argval for code in codes for step in dis.get_instructions(code)
+        if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")
+    }  # fmt: skip
+    attributes = sorted(set(chain.from_iterable(code.co_names for code in codes)))
+    found = {name: function.__globals__[name] for name in names if name in function.__globals__}
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        try:
+            found[name] = cell.cell_contents
+        except ValueError:  # it is not set yet
+            continue
+    for name, value in found.items():
+        yield from _parts(name, value, attributes, ())
+
+
+def _parts(
+    name: str, value: Any, attributes: Sequence[str], above: tuple[ModuleType, ...]
+) -> Iterator[tuple[str, Any]]:
+    """A value, or of a module that is not known by its name the values that may be asked for."""
+    if not isinstance(value, ModuleType) or _public_name(value) is not None:
+        yield name, value
+    elif value not in above:
+        for inner in attributes:
+            if hasattr(value, inner):
+                part = getattr(value, inner)
+                yield from _parts(f"{name}.{inner}", part, attributes, (*above, value))
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """Code of a function, and of the functions within."""
+    yield code
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _codes(inner)
+
+
+def records(
+    parts: Sequence[tuple[PointForce, np.ndarray]], dtype: np.dtype, count: int | None = None
+) -> np.ndarray | None:
     """Values of all forces at points, for `layout.CellTerms.points`; None if there are none.
 
     Parameters
     ----------
     parts : of each force, its function and the (N, K) values of the cells
     dtype : of the fields
+    count : N; by default that of the first force
+
+    Raises
+    ------
+    ValueError
+        A part is no force at a point, has values of another shape, or cannot be compiled.
     """
     if not parts:
         return None
-    forces = [force for force, _ in parts]
+    n = len(parts[0][1]) if count is None else count
+    for force, values in parts:
+        _check(force, values, dtype, n)
+    forces = [(force.name, force.compiled) for force, _ in parts]
     widths = [values.shape[1] for _, values in parts]
-    name, function = forces[0].name, forces[0].compiled
-    for k, force in enumerate(forces[1:], 1):
-        function = _both(function, sum(widths[:k]), force.compiled)
-        name = f"{name}_{sum(widths[:k])}_{force.name}"
-    _KNOWN[name] = function
-    result = np.zeros(len(parts[0][1]), [(name, dtype, (sum(widths),))])
+    name, function = forces[0]
+    for k, (other, compiled) in enumerate(forces[1:], 1):
+        function = _both(function, sum(widths[:k]), compiled)
+        name = f"{name}_{sum(widths[:k])}_{other}"
+    if name not in _KNOWN:
+        _KNOWN[name] = function
+    result = np.zeros(n, [(name, dtype, (sum(widths),))])
     result[name] = np.concatenate([values for _, values in parts], axis=1)
     return result
+
+
+def _check(force: Any, values: Any, dtype: np.dtype, count: int) -> None:
+    """Raise ValueError unless this is a force at a point that works, with values of each cell."""
+    if not isinstance(force, PointForce):
+        name = getattr(force, "__qualname__", repr(force))
+        message = f"point = {name} is no force at a point; decorate the function with point_force"
+        raise ValueError(message)
+    name, shape = force.function.__qualname__, np.shape(values)
+    if not isinstance(values, np.ndarray) or len(shape) != 2 or shape[0] != count:
+        message = (
+            f"point force {name!r}: point_values gives {type(values).__name__} of shape {shape}; "
+            f"expected an array of shape ({count}, K), a row of K values for each cell"
+        )
+        raise ValueError(message)
+    key = (force.name, dtype.str, shape[1])
+    if key in _CHECKED:
+        return
+    if count:
+        _try(force, name, values[0].astype(dtype))
+    _compile(force, name, dtype)
+    _CHECKED.add(key)
+
+
+def _try(force: PointForce, name: str, row: np.ndarray) -> None:
+    """Raise ValueError if the plain function fails with small numbers, or gives no number."""
+    numbers = [row.dtype.type(value) for value in (0.5, 0.1, 0.1, 0.1, 0.1)]
+    try:
+        with np.errstate(all="ignore"):
+            result = force(row, *numbers)
+    except IndexError as error:
+        message = (
+            f"point force {name!r}: {error}; point_values gives {len(row)} values of each cell, "
+            "indexed from 0"
+        )
+        raise ValueError(message) from error
+    except (ArithmeticError, ValueError):  # compiled it is infinite or NaN
+        return
+    except Exception as error:
+        message = f"point force {name!r} fails with numbers: {type(error).__name__}: {error}"
+        raise ValueError(_one_line(message)) from error
+    given = np.asarray(result)
+    if given.ndim or given.dtype.kind not in "biuf":
+        message = f"point force {name!r} gives {result!r}; it must give a number"
+        raise ValueError(_one_line(message))
+
+
+def _compile(force: PointForce, name: str, dtype: np.dtype) -> None:
+    """Compile the function alone, so that what Numba does not take is told in one line."""
+    if numba.config.DISABLE_JIT:
+        return
+    number = numba.from_dtype(dtype)
+    signature = (types.Array(number, 1, "C"), *(number,) * 5)
+    compiled = force.compiled
+    try:
+        compiled.compile(signature)
+        given = compiled.overloads[signature].signature.return_type
+    except Exception as error:  # not all that Numba raises is a NumbaError
+        message = (
+            f"point force {name!r} cannot be compiled: {_cause(error)}; take arithmetic and NumPy "
+            "functions of numbers"
+        )
+        raise ValueError(message) from error
+    if not isinstance(given, types.Integer | types.Float | types.Boolean):
+        message = f"point force {name!r} gives {given} when it is compiled; it must give a number"
+        raise ValueError(message)
+
+
+def _cause(error: Exception) -> str:
+    """What is wrong, of Numba's message: the first line beyond its head, and what it announces."""
+    lines = [line.strip().lstrip("-*> ") for line in str(error).splitlines()]
+    told = [line for line in lines if line and not line.startswith("Failed in")]
+    if not told:
+        return type(error).__name__
+    said = " ".join(told[:2]) if told[0].endswith(":") else told[0]
+    return re.sub(" at 0x[0-9a-f]+", "", said).rstrip(".")
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _both(first: Any, place: int, second: Any) -> Any:
@@ -111,7 +349,9 @@ def _both(first: Any, place: int, second: Any) -> Any:
 def force_at_point(points: Any, i: Any, phi: Any, gx: Any, gy: Any, gz: Any, laplacian: Any) -> Any:
     """Force of all point functions on cell i."""
     (name,) = points.dtype.names
-    return _KNOWN[name].py_func(points[i][name], phi, gx, gy, gz, laplacian)
+    function = _KNOWN[name]
+    function = getattr(function, "py_func", function)
+    return function(points[i][name], phi, gx, gy, gz, laplacian)
 
 
 @overload(force_at_point, jit_options={"forceinline": True})

@@ -11,20 +11,29 @@ from typing import Any
 MAIN = "__main__"
 
 
-def loaded(text: str, where: str) -> Any:
+def loaded(text: str, where: str, folder: Path = Path()) -> Any:
     """Function or class named as "module:name", or as "file.py:name" by the path of its file.
+
+    Parameters
+    ----------
+    text : the name
+    where : where it is asked for, for errors
+    folder : where files are looked up
 
     Raises
     ------
     ValueError
-        The module cannot be imported, or has no such name; the text names `where` it is asked for,
-        and says what to try.
+        The module cannot be imported, or has no such name; the text says what to try.
     """
     module, _, name = text.rpartition(":")
     try:
-        return reduce(getattr, name.split("."), _module(module))
-    except Exception as error:  # a module may raise anything when it is imported
-        message = f"{where} = {text!r} cannot be loaded as module:name ({error}). {_advice(module)}"
+        return reduce(getattr, name.split("."), _module(module, folder))
+    except (Exception, SystemExit) as error:  # a module may raise anything when it is imported
+        cause = " ".join(str(error).split()) or type(error).__name__
+        message = (
+            f"{where} = {text!r} cannot be loaded as module:name ({cause}). "
+            f"{_advice(module, folder)}"
+        )
         raise ValueError(message) from error
 
 
@@ -46,14 +55,14 @@ def path_of(item: Any) -> str | None:
     return f"{module}:{name}"
 
 
-def _module(name: str) -> ModuleType:
+def _module(name: str, folder: Path) -> ModuleType:
     """Module of a name, or of a file: that which is loaded already, or it is loaded now."""
     if not name:
         message = "there is no colon with a module before it"
         raise ImportError(message)
     if not name.endswith(".py"):
         return import_module(name)
-    path = Path(name).resolve()
+    path = (folder / name).resolve()
     for module in list(sys.modules.values()):  # it may be the script that runs
         file = getattr(module, "__file__", None)
         if file is not None and Path(file).resolve() == path:
@@ -61,18 +70,34 @@ def _module(name: str) -> ModuleType:
     if not path.exists():
         message = f"there is no file {path}"
         raise ImportError(message)
-    spec = spec_from_file_location(str(path), path)  # so its classes are named by the file
+    return _executed(path)
+
+
+def _executed(path: Path) -> ModuleType:
+    """Module of a file, which can import what lies beside it; kept only if it is whole."""
+    name, beside = str(path), str(path.parent)
+    spec = spec_from_file_location(name, path)  # so its classes are named by the file
     assert spec is not None
     assert spec.loader is not None
     module = module_from_spec(spec)
-    sys.modules[str(path)] = module
-    spec.loader.exec_module(module)
+    sys.modules[name] = module
+    sys.path.insert(0, beside)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    finally:
+        if beside in sys.path:
+            sys.path.remove(beside)
     return module
 
 
-def _advice(module: str) -> str:
+def _advice(module: str, folder: Path) -> str:
     if module == MAIN:
         return "It was defined in a notebook or console: define it there again, or in a module"
     if module.endswith(".py"):
+        if (folder / module).exists():
+            return f'Correct the file, and put what runs under if __name__ == "{MAIN}":'
         return "Put the file there, or say in the scene file where it is"
     return "Is the module installed or on PYTHONPATH? Or name its file: 'path/to/file.py:name'"

@@ -66,8 +66,8 @@ def choice(name: str, value: Any, allowed: Iterable[Any]) -> None:
 
 
 def names_of(cls: type) -> list[str]:
-    """Names of a dataclass's values, the keys that a table of it may have; another has none."""
-    return [f.name for f in fields(cls)] if is_dataclass(cls) else []
+    """Names of the values that a dataclass takes, the keys of its tables; another has none."""
+    return [f.name for f in fields(cls) if f.init] if is_dataclass(cls) else []
 
 
 def keys(where: str, table: Mapping[str, Any], allowed: Iterable[str]) -> None:

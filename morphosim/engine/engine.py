@@ -283,7 +283,7 @@ class Engine(CellView):
             well=(4 * tensions * self.physics.c).astype(self.dtype),
             pressure=np.zeros(n, self.dtype),
             drift=np.zeros((n, 3), self.dtype) if drifts else None,
-            points=records(points, self.dtype),
+            points=records(points, self.dtype, n),
             fresh=self.cells["fresh"],
             n_iterations=np.zeros(n, np.int64),
             weights=np.zeros((n, 0), self.dtype),

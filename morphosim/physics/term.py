@@ -190,7 +190,9 @@ class Term:
     """A force term. Subclass it as a frozen dataclass whose fields are its parameters.
 
     Only what the term needs has to be overridden. Parameters must be values that a scene file can
-    say: numbers, texts, flags, lists, tables. They are checked in `__post_init__`.
+    say: numbers, texts, flags, lists, tables with texts as keys, arrays where the field's
+    annotation is `NDArray`, functions of a module where it is `Callable`. They are checked in
+    `__post_init__`. Without such a class the term acts, but neither scene nor run can be saved.
 
     Attributes
     ----------

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing
+from morphosim.physics.term import Term
 from morphosim.provenance import versions
+from morphosim.scene.term_tables import term_table
 
 FORMAT = 2
 """Version of the file; others are refused. Version 0.1 of the package wrote 1."""
@@ -53,7 +55,13 @@ class Checkpoint:
         return [str(name) for name in self.arrays["name"]]
 
     def write(self, path: Path) -> None:
-        """Write to an .npz file, which appears whole or not at all."""
+        """Write to an .npz file, which appears whole or not at all.
+
+        Raises
+        ------
+        ValueError
+            The physics have a term that no file can say.
+        """
         arrays = self._packed("")
         with replacing(path) as partial, partial.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
@@ -64,7 +72,7 @@ class Checkpoint:
         del facts["arrays"], facts["back"]
         facts |= {"format": FORMAT, "version": versions()["morphosim"]}
         arrays = {prefix + name: value for name, value in self.arrays.items()}
-        arrays[prefix + FACTS] = np.array(json.dumps(facts))
+        arrays[prefix + FACTS] = np.array(json.dumps(facts, default=_refused))
         return arrays | (self.back._packed(prefix + BACK) if self.back else {})
 
     @classmethod
@@ -94,6 +102,14 @@ class Checkpoint:
         }  # fmt: skip
         back = cls._unpacked(inner) if inner else None
         return cls(**facts, arrays=arrays, back=back)
+
+
+def _refused(item: Any) -> Any:
+    """Raise ValueError that says why no file can hold a thing."""
+    if isinstance(item, Term):
+        return term_table(item)  # raises: it would be a table already
+    message = f"{item!r} of type {type(item).__name__} cannot be written to a checkpoint"
+    raise ValueError(message)
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:

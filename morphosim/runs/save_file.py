@@ -22,7 +22,8 @@ from morphosim.runs.schema import (
     MOST_DENSE_CELLS,
     PARENT,
 )
-from morphosim.scene.tables import numerics_table, physics_table
+from morphosim.scene.arrays import listed
+from morphosim.scene.tables import numerics_table, physics_in_file
 
 
 def write_save(path: Path, state: MeasuredState, fields: str, labels: bool) -> None:
@@ -78,7 +79,7 @@ def provenance(simulation: Observed) -> dict[str, Any]:
         "spacing_um": scene.numerics.spacing,
         "dt": scene.numerics.dt,
         "seed": scene.numerics.seed,
-        "physics": json.dumps(physics_table(simulation.physics)),
+        "physics": json.dumps(listed(physics_in_file(simulation.physics))),
         "numerics": json.dumps(numerics_table(scene.numerics)),
         "confinement": repr(scene.confinement),
         "versions": json.dumps(versions()),

@@ -3,6 +3,7 @@
 import logging
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from morphosim.runs.save_file import step_of, write_save
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import SAVE_FIELDS, Scene
 from morphosim.scene.stages import check_interval
+from morphosim.scene.term_tables import term_table
 
 _log = logging.getLogger(__name__)
 
@@ -90,7 +92,15 @@ class RunWriter:
         return self.files.path
 
     def start(self, simulation: Observed) -> None:
-        """Lock the directory, write the scene, and save the start."""
+        """Lock the directory, write the scene, and save the start.
+
+        Raises
+        ------
+        ValueError
+            The physics, now or in a later stage, have a term that no file can say: the run could
+            not go on from a save.
+        """
+        _check_terms(simulation)
         self._failed = False
         self._lock = self.files.locked()
         self._other = ThreadPoolExecutor(1)
@@ -247,6 +257,13 @@ class RunWriter:
             f"All {len(self.files.saves)} saves before are whole. {hint}"
         )
         return SaveError(message)
+
+
+def _check_terms(simulation: Observed) -> None:
+    """Raise ValueError if a file cannot say a term that acts now or in a stage."""
+    later = [stage.physics.get("terms", ()) for stage in simulation.scene.stages]
+    for term in chain(simulation.physics.terms, *later):
+        term_table(term)
 
 
 def _check_variables(save: Path) -> None:

@@ -1,5 +1,6 @@
 """Arrays of a scene file: they lie in an .npz file beside it, and it names them "file.npz:key"."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from morphosim._files import guarded, replacing
 
 
 def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
-    """Array as it is, of lists of numbers, or named as "file.npz:key".
+    """Array as it is, of lists of numbers, as of `listed`, or named as "file.npz:key".
 
     Raises
     ------
@@ -22,6 +23,9 @@ def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
     """
     if isinstance(value, np.ndarray):
         return value
+    if isinstance(value, Mapping):
+        _validate.keys(where, value, ("dtype", "shape", "values"))
+        return np.array(value["values"], value["dtype"]).reshape(value["shape"])
     if not isinstance(value, str):
         return _validate.array(where, value, None)
     name, _, key = value.partition(":")
@@ -38,6 +42,20 @@ def _entry(path: Path, key: str) -> tuple[list[str], Any]:
     """Names in an .npz file, and the array of one of them if it is there."""
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         return file.files, file[key] if key in file.files else None
+
+
+def listed(value: Any) -> Any:
+    """Value with lists for its arrays, of which `array_of` makes the same arrays."""
+    if isinstance(value, np.ndarray):
+        values = value.tolist()
+        if value.dtype == np.float64 and value.size and np.isfinite(value).all():
+            return values
+        return {"dtype": value.dtype.str, "shape": list(value.shape), "values": values}
+    if isinstance(value, dict):
+        return {key: listed(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [listed(item) for item in value]
+    return value
 
 
 def set_apart(value: Any, archive: str, key: str, arrays: dict[str, NDArray[Any]]) -> Any:

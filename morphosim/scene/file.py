@@ -24,10 +24,10 @@ from morphosim.scene.tables import (
     cell_values,
     numerics_of,
     numerics_table,
+    physics_in_file,
     physics_of,
-    physics_table,
-    plain,
 )
+from morphosim.scene.values import plain
 
 _SCALARS = (
     "name", "description", "duration", "save_every", "save_fields", "save_labels", "on_vanish",
@@ -126,7 +126,7 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
     shapes = _shapes(rows, confinement, folder)
     return Scene(
         cells=[cell_of(row, shape) for row, shape in zip(rows, shapes, strict=True)],
-        physics=physics_of(table.get("physics", {}), [row["name"] for row in rows]),
+        physics=physics_of(table.get("physics", {}), [row["name"] for row in rows], folder),
         numerics=numerics_of(table.get("numerics", {})),
         confinement=confinement,
         stages=[
@@ -233,7 +233,7 @@ def scene_table(scene: Scene) -> dict[str, Any]:
     """
     _check_partitions(scene)
     table: dict[str, Any] = {key: plain(getattr(scene, key)) for key in _SCALARS}
-    table["physics"] = plain(physics_table(scene.physics))
+    table["physics"] = physics_in_file(scene.physics)
     table["numerics"] = plain(numerics_table(scene.numerics))
     if scene.confinement is not None:
         table["confinement"] = table_of(scene.confinement, CONFINEMENTS, "confinement")

@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.geometry.confinement import CONFINEMENTS
+from morphosim.physics.parameters import Physics
 from morphosim.scene.arrays import set_apart
 from morphosim.scene.kinds import table_of
 from morphosim.scene.scene import Scene
 from morphosim.scene.stage_tables import stage_table
-from morphosim.scene.tables import numerics_table, physics_table, plain
+from morphosim.scene.tables import numerics_table, physics_table
+from morphosim.scene.term_tables import term_table
+from morphosim.scene.values import plain
 
 
 def settings(scene: Scene) -> dict[str, Any]:
@@ -34,7 +37,7 @@ def settings(scene: Scene) -> dict[str, Any]:
             row = stage_table(stage)
             physics = _without_places(row.get("physics", {}))
             said[f"stages[{k}]"] = _digest(row | {"physics": physics}, "stage")
-    physics = _without_places(physics_table(scene.physics))
+    physics = _without_places(physics_table(scene.physics) | _terms(scene.physics))
     return {"physics": physics, "numerics": numerics, "scene": said}
 
 
@@ -43,6 +46,20 @@ def _without_places(physics: Mapping[str, Any]) -> dict[str, Any]:
     terms = physics.get("terms", ())
     named = [term | {"use": term["use"].rpartition(":")[2]} for term in terms]
     return dict(physics) | ({"terms": named} if named else {})
+
+
+def _terms(physics: Physics) -> dict[str, Any]:
+    """Tables of the terms that a file can say, with digests of their arrays."""
+    tables = []
+    for term in physics.terms:
+        with suppress(ValueError):
+            tables.append(
+                {
+                    key: _digest(value, key) if isinstance(value, np.ndarray) else value
+                    for key, value in term_table(term).items()
+                }
+            )
+    return {"terms": tables} if physics.terms else {}
 
 
 def _digest(table: Any, key: str) -> str:

@@ -9,7 +9,8 @@ from morphosim.scene.ends import ENDS
 from morphosim.scene.events import EVENTS
 from morphosim.scene.kinds import object_of, table_of
 from morphosim.scene.stages import Stage
-from morphosim.scene.tables import physics_said, physics_values, plain
+from morphosim.scene.tables import physics_said, physics_values
+from morphosim.scene.values import plain
 
 
 def stage_of(table: Mapping[str, Any], where: str, folder: Path = Path()) -> Stage:
@@ -37,7 +38,7 @@ def stage_of(table: Mapping[str, Any], where: str, folder: Path = Path()) -> Sta
         name=table["name"],
         end=object_of(table["end"], ENDS, f"{where}.end", folder),
         limit=table.get("limit"),
-        physics=physics_values(table.get("physics", {})),
+        physics=physics_values(table.get("physics", {}), folder),
         events=events("events"),
         rules=events("rules"),
         **{key: table[key] for key in ("rules_every",) if key in table},
@@ -57,7 +58,7 @@ def stage_table(stage: Stage) -> dict[str, Any]:
     if stage.limit is not None:
         table["limit"] = plain(stage.limit)
     if stage.physics:
-        table["physics"] = plain(physics_said(stage.physics))
+        table["physics"] = physics_said(stage.physics)
     for key in ("events", "rules"):
         if getattr(stage, key):
             table[key] = [table_of(event, EVENTS, where) for event in getattr(stage, key)]

@@ -2,26 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from morphosim import _validate
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.attraction import Attraction
 from morphosim.physics.parameters import Physics
+from morphosim.physics.term import Term
+from morphosim.scene.arrays import listed
 from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.term_tables import term_table, terms_of
-
-
-def build(cls: type, table: Mapping[str, Any], where: str) -> Any:
-    """Instance of a dataclass from a table; unknown and missing keys are errors."""
-    _validate.keys(where, table, _validate.names_of(cls))
-    try:
-        return cls(**table)
-    except TypeError as error:
-        message = f"{where}: {error}"
-        raise ValueError(message) from error
+from morphosim.scene.values import build as build
+from morphosim.scene.values import dataclass_table as dataclass_table
+from morphosim.scene.values import plain
 
 
 def numerics_of(table: Mapping[str, Any]) -> Numerics:
@@ -38,15 +32,15 @@ def numerics_table(numerics: Numerics) -> dict[str, Any]:
     return dataclass_table(numerics)
 
 
-def physics_of(table: Mapping[str, Any], names: list[Any]) -> Physics:
-    """Physics from what a scene file says; `names` are those of the cells."""
+def physics_of(table: Mapping[str, Any], names: list[Any], folder: Path = Path()) -> Physics:
+    """Physics from what a scene file in `folder` says; `names` are those of the cells."""
     _validate.keys("physics", table, _validate.names_of(Physics))
     values = dict(table)
     sigma = values.get("sigma")
     if isinstance(sigma, Mapping):
         values["sigma"] = _attraction(sigma, names)
     if "terms" in values:
-        values["terms"] = terms_of(values["terms"], "physics.terms")
+        values["terms"] = terms_of(values["terms"], "physics.terms", folder)
     physics: Physics = build(Physics, values, "physics")
     return physics
 
@@ -73,15 +67,45 @@ def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
     return Attraction(**values)
 
 
+def physics_in_file(physics: Physics) -> dict[str, Any]:
+    """Physics as a scene file says them; the arrays of terms are arrays.
+
+    Raises
+    ------
+    ValueError
+        A file cannot say one of the terms.
+    """
+    table = _without_terms(physics)
+    if physics.terms:
+        table["terms"] = [term_table(term) for term in physics.terms]
+    return table
+
+
 def physics_table(physics: Physics) -> dict[str, Any]:
-    """Physics as a scene file says them."""
+    """Physics as the state of a simulation says them, with lists for arrays.
+
+    A term that no file can say stands as it is: such a state cannot be written.
+    """
+    table = _without_terms(physics)
+    if physics.terms:
+        table["terms"] = [_table_or_term(term) for term in physics.terms]
+    return table
+
+
+def _table_or_term(term: Term) -> Any:
+    try:
+        return listed(term_table(term))
+    except ValueError:
+        return term
+
+
+def _without_terms(physics: Physics) -> dict[str, Any]:
+    """Physics as files say them, but the terms."""
     sigma = physics.attraction
     table = dataclass_table(physics)
     if not physics.kappa_by_type:
         del table["kappa_by_type"]
     del table["terms"]
-    if physics.terms:
-        table["terms"] = [plain(term_table(term)) for term in physics.terms]
     table["sigma"] = {"default": sigma.default}
     if sigma.sisters is not None:
         table["sigma"]["sisters"] = sigma.sisters
@@ -90,30 +114,32 @@ def physics_table(physics: Physics) -> dict[str, Any]:
         for key in ("types", "pairs")
         if getattr(sigma, key)
     }
+    table["sigma"] = plain(table["sigma"])
     return table
 
 
-def physics_values(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Keywords of `Physics` from those values that a table has."""
+def physics_values(table: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
+    """Keywords of `Physics` from those values that a table of a file in `folder` has."""
     _validate.keys("physics of a stage", table, _validate.names_of(Physics))
     values = dict(table)
     if "sigma" in values:
         values["sigma"] = physics_of({"sigma": values["sigma"]}, []).attraction
     if "terms" in values:
-        values["terms"] = terms_of(values["terms"], "physics.terms")
+        values["terms"] = terms_of(values["terms"], "physics.terms", folder)
     return values
 
 
 def physics_said(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Table of those values of `Physics`.
+    """Table of those values of `Physics`; the arrays of terms are arrays.
 
     Raises
     ------
     ValueError
-        M = None without the volume constraint whose default it means.
+        A file cannot say one of the terms, or M = None without the volume constraint whose
+        default it means.
     """
     physics = Physics(**values)
-    table = {"kappa_by_type": {}, "terms": []} | physics_table(physics)
+    table = {"kappa_by_type": {}, "terms": []} | physics_in_file(physics)
     if "M" in values and physics.M is None:
         if "volume_constraint" not in values:
             message = "M = None cannot be written without volume_constraint; give its number"
@@ -151,20 +177,3 @@ def cell_values(cell: Cell) -> dict[str, Any]:
     else:
         table["volume"] = cell.target_volume(0.0)
     return table
-
-
-def plain(value: Any) -> Any:
-    """Value as TOML can hold it."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [plain(v) for v in value]
-    return value
-
-
-def dataclass_table(item: Any) -> dict[str, Any]:
-    """Values of a dataclass but those that are None."""
-    values = {name: getattr(item, name) for name in _validate.names_of(type(item))}
-    return {name: plain(value) for name, value in values.items() if value is not None}
