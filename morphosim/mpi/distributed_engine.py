@@ -213,11 +213,9 @@ class DistributedEngine(GatheredView):
         self.change()
         self.everyone.require(_shared(physics))
         self.everyone.restore(contents)
-        self.local.set_physics(physics)
-        self.local.steps = steps
+        self.local.adopt(physics, steps)
         self._boxes.owner = self._best_owners(contents["origin"], contents["shape"])
         rows = np.flatnonzero(self._boxes.owner == self.comm.rank)
-        self.local.own[:] = False  # nothing that is held stays
         own = np.ones(len(rows), bool)
         self.local.hold(rows, own, contents["origin"][rows], contents["shape"][rows])
         self.local.take(state_transfer.select(contents, rows))

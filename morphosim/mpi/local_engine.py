@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
-from morphosim.engine.engine import Engine, Fields
+from morphosim.engine.engine import COLUMNS, Engine, Fields
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import EDGE
+from morphosim.mpi import state_transfer
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 
@@ -70,6 +71,13 @@ class LocalEngine(Engine):
         self.face_peak[:] = self.pool.surveys[:, EDGE]
         for term in self.physics.active_terms:
             term.start(self.cells, self.numerics)
+
+    def adopt(self, physics: Physics, steps: int) -> None:
+        """Go on from a saved state of these physics; `hold` and `take` bring its cells."""
+        self.physics, self.steps = physics, steps
+        self.cells.require((*COLUMNS, *physics.columns))
+        self.own[:] = False  # nothing that is held stays
+        self.change()
 
     def hold(
         self, rows: Integers, own: NDArray[np.bool_], origin: Integers, shape: Integers
@@ -136,7 +144,7 @@ class LocalEngine(Engine):
     def part(self, rows: Integers) -> dict[str, NDArray]:
         """What `Engine.contents` has of some own cells and other ranks do not know."""
         places = np.searchsorted(self.rows, rows)
-        columns = self.cells.select(places, self.own_columns)
+        columns = state_transfer.sendable(self.cells.select(places, self.own_columns))
         return columns | self.pool.contents(places) | {"rows": rows}
 
     def take(self, part: Mapping[str, NDArray]) -> None:
