@@ -231,7 +231,7 @@ class DistributedEngine(GatheredView):
         return owners(origin + shape / 2, work(shape, self.everyone["frozen"]), self.comm.size)
 
     def _settle(self) -> None:
-        """Bring cells to the ranks that should own them, and copies to where they are felt."""
+        """Bring cells to the ranks that should own them, and ghost cells to where they are felt."""
         places = self._boxes
         places.share(self.local, len(self))
         if self._due or len(np.unique(places.owner)) < self.comm.size:

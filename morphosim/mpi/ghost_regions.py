@@ -21,7 +21,7 @@ class Portion:
     ----------
     cells : (K,) numbers of the cells
     low, shape : (K, 3)
-        Box that the copy has: the part of the cell's box over the columns (see `columns`) that
+        Box of the ghost cell: the part of the cell's box over the columns (see `columns`) that
         cells of the receiving rank reach, so that the same columns exist there as on one rank.
     first, end : (K, 3)
         Lattice points [first, end) that the receiving rank's cells read; nothing else is sent.

@@ -82,7 +82,7 @@ def test_same_saved_run_also_after_going_on(alone: Path, over: Path) -> None:
         assert found.identical(expected)
 
 
-def test_every_rank_owns_cells_and_holds_copies(over: Path) -> None:
+def test_every_rank_owns_cells_and_holds_ghost_cells(over: Path) -> None:
     found = ranks(over)
     assert sum(rank["own"] for rank in found) == 11
     assert min(rank["own"] for rank in found) >= 1
