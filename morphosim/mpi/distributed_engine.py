@@ -16,7 +16,7 @@ from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE
 from morphosim.mpi import state_transfer
 from morphosim.mpi.box_directory import BoxDirectory
-from morphosim.mpi.communicator import raise_agreed, threads_per_rank
+from morphosim.mpi.communicator import agreed, raise_agreed, threads_per_rank
 from morphosim.mpi.decompose import owners, work
 from morphosim.mpi.gathered_view import GatheredView
 from morphosim.mpi.ghost_exchange import GhostExchange, Traffic
@@ -86,7 +86,7 @@ class DistributedEngine(GatheredView):
         fields : of these, lattice origin and start field
         """
         self.everyone.add(values, types)
-        self.local.begin(rows, fields)
+        agreed(self.comm, lambda: self.local.begin(rows, fields))
         self._boxes.share(self.local, len(self))
 
     def __len__(self) -> int:
@@ -198,7 +198,7 @@ class DistributedEngine(GatheredView):
     def set_physics(self, physics: Physics) -> None:
         """See `Engine`."""
         self.everyone.require(_shared(physics))
-        self.local.set_physics(physics)
+        agreed(self.comm, lambda: self.local.set_physics(physics))
         self.restart()
 
     def restart(self, rows: ArrayLike | None = None) -> None:

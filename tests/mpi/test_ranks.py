@@ -163,6 +163,11 @@ from morphosim import Term
 @dataclass(frozen=True)
 class FailsForOne(Term):
     cell: str = "c0"
+    early: bool = False
+
+    def start(self, cells, numerics):
+        if self.early and self.cell in cells.names:
+            raise RuntimeError("no start for " + self.cell)
 
     def update(self, cells, step, forces):
         own = cells["name"][~cells["frozen"]].tolist()
@@ -185,9 +190,8 @@ except Exception as raised:
 told = [type(error).__name__, str(error), simulation.engine.steps, simulation.whole]
 everyone = MPI.COMM_WORLD.gather(told)
 if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(everyone))
-else:
-    sys.exit()
+    print(json.dumps(everyone), flush=True)
+MPI.COMM_WORLD.barrier()
 raise error
 """
 
@@ -205,21 +209,30 @@ def test_all_ranks_stop_where_the_step_of_one_fails(tmp_path: Path, failing: int
         assert run["time"].values.tolist() == [0, 2, 4]
 
 
-@pytest.mark.parametrize("failing", [0, 1])
+@pytest.mark.parametrize(
+    ("failing", "early", "status", "text"),
+    [
+        (0, False, 1, "RuntimeError: no force for c0"),
+        (1, False, 1, "RuntimeError: no force for c1"),
+        (1, True, 2, "error: no start for c1"),
+    ],
+)
 def test_the_command_tells_an_error_of_one_rank_once(
-    tmp_path: Path, failing: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path: Path, failing: int, early: bool, status: int, text: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     (tmp_path / "failing_terms.py").write_text(TERMS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     cells = [Cell(name=f"c{k}", shape=Sphere(center=(20 * k, 0, 0), radius=4)) for k in range(2)]
     save_scene(Scene(cells=cells, duration=20), tmp_path / "scene.toml")
-    text = (tmp_path / "scene.toml").read_text()
-    term = f'[physics]\nterms = [{{ use = "failing_terms:FailsForOne", cell = "c{failing}" }}]'
-    (tmp_path / "scene.toml").write_text(text.replace("[physics]", term))
+    scene = (tmp_path / "scene.toml").read_text()
+    values = f'cell = "c{failing}", early = {str(early).lower()}'
+    term = f'[physics]\nterms = [{{ use = "failing_terms:FailsForOne", {values} }}]'
+    (tmp_path / "scene.toml").write_text(scene.replace("[physics]", term))
     start = "from morphosim.cli import main; main()"
     done = launch(2, "-c", start, "run", tmp_path / "scene.toml", "-o", tmp_path / "run", "--mpi")
-    assert done.returncode == 1
-    assert done.stderr.count(f"RuntimeError: no force for c{failing}") == 1, done.stderr
+    assert done.returncode == status
+    assert done.stderr.count(text) == 1, done.stderr
     assert "MPI_ABORT" not in done.stderr
 
 
