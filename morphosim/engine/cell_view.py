@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim import _validate
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
 from morphosim.engine.box_pool import BoxPool
@@ -66,4 +67,5 @@ class CellView:
 
     def column(self, name: str) -> NDArray[Any]:
         """(N, …) values of a column of the cell table."""
+        _validate.choice("column", name, self.cells.columns)
         return self.cells[name]

@@ -116,10 +116,14 @@ class Engine(CellView):
         types : (N,) cell types
         fields : per cell, lattice origin and start field
         """
-        rows = self.cells.add(values, types)
-        self.pool.lay(rows, fields)
+        self.cells.add(values, types)
+        self._lay_start(fields)
+
+    def _lay_start(self, fields: Fields) -> None:
+        """Lay the start fields of all cells, and let terms set their columns."""
+        self.pool.lay(np.arange(len(self)), fields)
         self.pool.lost[:] = 0  # what is cut from start fields is no loss of the run
-        self.cells["face_peak"][:] = self.pool.surveys[:, EDGE]
+        self.face_peak[:] = self.pool.surveys[:, EDGE]
         for term in self.physics.active_terms:
             term.start(self.cells, self.numerics)
         self.change()
@@ -221,7 +225,10 @@ class Engine(CellView):
         """
         born = self.cells.born(row, values, types)
         self.pool.release([row])
-        rows = self.cells.replace(row, born)
+        self._lay_halves(self.cells.replace(row, born), halves)
+
+    def _lay_halves(self, rows: NDArray[np.int64], halves: Sequence[CellField]) -> None:
+        """Lay the fields of new daughters."""
         self.pool.lay(rows, ((half.origin, half.phi) for half in halves))
         self.face_peak[rows] = self.pool.surveys[rows, EDGE]
         self.change()

@@ -1,6 +1,7 @@
 """The job: its ranks, what they agree on, and how many threads each may have."""
 
 import os
+import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,7 +14,15 @@ AGREED = "agreed"
 
 
 class StoppedError(RuntimeError):
-    """Another rank cannot go on, and tells why; so no rank can."""
+    """Another rank cannot go on, and tells why; so no rank can.
+
+    Attributes
+    ----------
+    trace : str
+        Traceback of the error on the other rank; "" if it is not known here.
+    """
+
+    trace: str = ""
 
 
 def world() -> "Comm":
@@ -51,16 +60,47 @@ def agreed(comm: "Comm", action: Callable[[], T]) -> T:
     try:
         result = action()
     except Exception as raised:
-        if AGREED in raised.__dict__:
+        if is_agreed(raised):
             raise
         error = raised
-    texts = comm.allgather(None if error is None else str(error))
-    failed = next((text for text in texts if text is not None), None)
+    raise_agreed(comm, error)
+    return result
+
+
+def raise_agreed(comm: "Comm", error: Exception | None) -> None:
+    """Raise an error on all ranks if one of them has one; all ranks call this.
+
+    Raises
+    ------
+    StoppedError
+        Other ranks only have an error; the text is that of the first of them, and its `trace`
+        says where in the code it was raised.
+    Exception
+        The error given here.
+    """
+    told = None
+    if error is not None:
+        told = str(error) or type(error).__name__, "".join(traceback.format_exception(error))
+    failed = next((entry for entry in comm.allgather(told) if entry is not None), None)
     if failed is None:
-        return result
-    error = error or StoppedError(failed)
+        return
+    if error is None:
+        error = StoppedError(failed[0])
+        error.trace = failed[1]
     error.__dict__[AGREED] = True
     raise error
+
+
+def is_agreed(error: BaseException) -> bool:
+    """Whether all ranks know of an error, so that all have stopped."""
+    return AGREED in error.__dict__
+
+
+def trace_of(error: BaseException) -> str:
+    """Traceback of an error, on the rank that has raised it first."""
+    if isinstance(error, StoppedError) and error.trace:
+        return error.trace
+    return "".join(traceback.format_exception(error))
 
 
 def threads_per_rank(comm: "Comm") -> int:

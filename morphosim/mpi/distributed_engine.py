@@ -16,7 +16,7 @@ from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE
 from morphosim.mpi import state_transfer
 from morphosim.mpi.box_directory import BoxDirectory
-from morphosim.mpi.communicator import threads_per_rank
+from morphosim.mpi.communicator import agreed, raise_agreed, threads_per_rank
 from morphosim.mpi.decompose import owners, work
 from morphosim.mpi.gathered_view import GatheredView
 from morphosim.mpi.ghost_exchange import GhostExchange, Traffic
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Integers = NDArray[np.int64]
 REBALANCE = 256
 """Steps between two looks at which rank should own which cell."""
-MOVED, DIVERGED, VANISHED = 0, 1, 2
+MOVED, DIVERGED, VANISHED, FAILED = 0, 1, 2, 3
 
 
 class DistributedEngine(GatheredView):
@@ -68,7 +68,7 @@ class DistributedEngine(GatheredView):
         super().__init__(comm, LocalEngine(physics, own, confinement, everyone), everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
-        self._found = np.zeros(3, np.int64)
+        self._found = np.zeros(4, np.int64)
         self._boxes = BoxDirectory(comm, self.traffic)
         self._exchange = GhostExchange(comm)
         self._stale = self._due = True
@@ -86,7 +86,7 @@ class DistributedEngine(GatheredView):
         fields : of these, lattice origin and start field
         """
         self.everyone.add(values, types)
-        self.local.begin(rows, fields)
+        agreed(self.comm, lambda: self.local.begin(rows, fields))
         self._boxes.share(self.local, len(self))
 
     def __len__(self) -> int:
@@ -132,18 +132,35 @@ class DistributedEngine(GatheredView):
         """See `Engine`; here the next step does it, when all ranks hold their ghost cells."""
 
     def step(self) -> None:
-        """See `Engine`."""
+        """See `Engine`.
+
+        Raises
+        ------
+        StoppedError
+            The step has failed on other ranks only, by an error of a force term for example.
+        Exception
+            What it has raised here.
+        """
         self.whole = False
         self._kept.clear()
         if self.steps % self.rebalance == 0:
             self._stale = self._due = True
         if self._stale:
             self._settle()
-        local, everyone = self.local, self.everyone
+        local, everyone, steps = self.local, self.everyone, self.steps
         local.cells["target"][:] = everyone["target"][local.rows]
-        local.step()
+        error: Exception | None = None
+        try:
+            local.step()
+        except Exception as raised:
+            error = raised
         everyone["fresh"][:] = False
-        self._announce()
+        try:
+            self._announce(error)
+        except Exception:
+            local.steps = steps  # some ranks have taken the step, and others have not
+            self.change()
+            raise
         self._exchange.run(self.traffic)
         self.traffic.steps += 1
         self.whole = True
@@ -181,7 +198,7 @@ class DistributedEngine(GatheredView):
     def set_physics(self, physics: Physics) -> None:
         """See `Engine`."""
         self.everyone.require(_shared(physics))
-        self.local.set_physics(physics)
+        agreed(self.comm, lambda: self.local.set_physics(physics))
         self.restart()
 
     def restart(self, rows: ArrayLike | None = None) -> None:
@@ -196,11 +213,9 @@ class DistributedEngine(GatheredView):
         self.change()
         self.everyone.require(_shared(physics))
         self.everyone.restore(contents)
-        self.local.set_physics(physics)
-        self.local.steps = steps
+        self.local.adopt(physics, steps)
         self._boxes.owner = self._best_owners(contents["origin"], contents["shape"])
         rows = np.flatnonzero(self._boxes.owner == self.comm.rank)
-        self.local.own[:] = False  # nothing that is held stays
         own = np.ones(len(rows), bool)
         self.local.hold(rows, own, contents["origin"][rows], contents["shape"][rows])
         self.local.take(state_transfer.select(contents, rows))
@@ -258,16 +273,24 @@ class DistributedEngine(GatheredView):
         local.hold(rows[order], order < len(mine), origin[order], shape[order])
         self._exchange.plan(local.pool, local.rows, sends, gets)
 
-    def _announce(self) -> None:
-        """Tell all ranks which boxes have moved, and whether cells have diverged or vanished."""
+    def _announce(self, error: Exception | None) -> None:
+        """Tell all ranks which boxes have moved, and whether cells have diverged or vanished.
+
+        If the step has failed on any rank, all raise an error.
+        """
         local, begin = self.local, time.perf_counter()
         surveys, moved = local.pool.surveys[local.own], local.moved
-        mine = np.array([len(moved), (surveys[:, BAD] > 0).sum(), (surveys[:, CORE] == 0).sum()])
+        mine = np.array([
+            len(moved), (surveys[:, BAD] > 0).sum(), (surveys[:, CORE] == 0).sum(),
+            error is not None,
+        ])  # fmt: skip
         counts = np.zeros((self.comm.size, len(mine)), np.int64)
         self.comm.Allgather(mine, counts)
         self._found = counts.sum(axis=0)
         self.traffic.notices += mine.nbytes
         self.traffic.seconds += time.perf_counter() - begin
+        if self._found[FAILED]:
+            raise_agreed(self.comm, error)
         if self._found[MOVED]:
             told = self._boxes.update(local, moved, counts[:, MOVED].copy())
             if self._concerned(told):

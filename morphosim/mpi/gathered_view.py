@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim import _validate
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
 from morphosim.engine import box_pool
@@ -89,6 +90,7 @@ class GatheredView:
 
     def column(self, name: str) -> NDArray[Any]:
         """See `Engine`: of all cells."""
+        _validate.choice("column", name, self.local.cells.columns)
         values = self.everyone[name] if name in self.everyone else self._table[name]
         return np.asarray(values)
 
@@ -138,9 +140,14 @@ class GatheredView:
     def gather_table(self, everyone: bool) -> dict[str, NDArray] | None:
         """What ranks know of their cells alone."""
         local, own = self.local, self.local.owned
-        part = {"rows": local.rows[own]} | local.cells.select(own, local.own_columns)
+        columns = [c for c in local.cells.columns.values() if not c.shared]
+        values = local.cells.select(own, [column.name for column in columns])
+        part = {"rows": local.rows[own]} | state_transfer.sendable(values)
         parts = state_transfer.gather(self.comm, part, everyone)
-        return None if parts is None else _in_order(parts)
+        if parts is None:
+            return None
+        table = _in_order(parts)
+        return {c.name: table[c.name].astype(c.dtype, copy=False) for c in columns}
 
     def gather_centroids(self, everyone: bool) -> NDArray[np.float64] | None:
         """Centroids of all cells."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.box_pool import BoxPool
+from morphosim.kernels.boxes import TOTAL
 from morphosim.kernels.messages import pack, unpack
 from morphosim.mpi.ghost_regions import Portion
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 Integers = NDArray[np.int64]
 ROW = 8
 """Bytes that say which rows of a plane follow."""
+SUM = 8
+"""Bytes of a cell's Σ φ."""
 
 
 @dataclass
@@ -46,7 +49,7 @@ class Traffic:
 
 
 class Parcel:
-    """A message to or from one rank.
+    """A message to or from one rank: Σ φ of each cell, and then rows of its field.
 
     Parameters
     ----------
@@ -63,13 +66,16 @@ class Parcel:
     ) -> None:  # fmt: skip
         self.places, self.low, self.high = places, portion.first - base, portion.end - base
         self.bytes = room[: size_of(portion, dtype)]
-        self.rows = self.bytes[: ROW * portion.planes].view(np.int32).reshape(-1, 2)
-        self.values = self.bytes[ROW * portion.planes :].view(dtype)
+        sums = SUM * len(places)
+        fields = sums + ROW * portion.planes
+        self.sums = self.bytes[:sums].view(np.float64)
+        self.rows = self.bytes[sums:fields].view(np.int32).reshape(-1, 2)
+        self.values = self.bytes[fields:].view(dtype)
 
 
 def size_of(portion: Portion, dtype: np.dtype) -> int:
     """Most bytes that a message with this portion has."""
-    return ROW * portion.planes + dtype.itemsize * portion.points
+    return SUM * len(portion.cells) + ROW * portion.planes + dtype.itemsize * portion.points
 
 
 class GhostExchange:
@@ -105,11 +111,10 @@ class GhostExchange:
         def parcels(way: str, portions: Mapping[int, Portion]) -> dict[int, Parcel]:
             result = {}
             for partner, portion in portions.items():
-                if portion.planes:
-                    places = np.searchsorted(rows, portion.cells)
-                    room = self._room(way, partner, size_of(portion, pool.dtype))
-                    base = pool.origin[places]
-                    result[partner] = Parcel(portion, places, base, room, pool.dtype)
+                places = np.searchsorted(rows, portion.cells)
+                room = self._room(way, partner, size_of(portion, pool.dtype))
+                base = pool.origin[places]
+                result[partner] = Parcel(portion, places, base, room, pool.dtype)
             return result
 
         self._sends, self._gets = parcels("send", sends), parcels("get", gets)
@@ -129,12 +134,14 @@ class GhostExchange:
         incoming = {p: self._comm.Irecv(box.bytes, p) for p, box in self._gets.items()}
         outgoing = []
         for partner, box in self._sends.items():
+            box.sums[:] = pool.surveys[box.places, TOTAL]
             count = pack(box.places, box.low, box.high, pool.phi, boxes, box.rows, box.values)
-            used = box.bytes[: box.rows.nbytes + count * box.values.itemsize]
+            used = box.bytes[: box.bytes.size - box.values.nbytes + count * box.values.itemsize]
             outgoing.append(self._comm.Isend(used, partner))
             traffic.fields += used.nbytes
         for partner, box in self._gets.items():
             incoming[partner].Wait()
+            pool.surveys[box.places, TOTAL] = box.sums
             unpack(box.places, box.low, box.high, pool.phi, boxes, box.rows, box.values)
         for request in outgoing:
             request.Wait()

@@ -1,4 +1,4 @@
-"""A rank's part of the cells: its own, and ghost cells, copies of those that come near."""
+"""A rank's part of the cells: its own, and ghost cells, which are others that come near."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
-from morphosim.engine.engine import Engine, Fields
+from morphosim.engine.engine import COLUMNS, Engine, Fields
 from morphosim.geometry.confinement import Confinement
-from morphosim.kernels.boxes import EDGE
+from morphosim.mpi import state_transfer
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 
@@ -65,11 +65,14 @@ class LocalEngine(Engine):
         self.cells.arrange(empty, empty, len(rows))
         self.rows, self.own = rows, np.ones(len(rows), bool)
         self.enrol()
-        self.pool.lay(np.arange(len(rows)), fields)
-        self.pool.lost[:] = 0  # what is cut from start fields is no loss of the run
-        self.face_peak[:] = self.pool.surveys[:, EDGE]
-        for term in self.physics.active_terms:
-            term.start(self.cells, self.numerics)
+        self._lay_start(fields)
+
+    def adopt(self, physics: Physics, steps: int) -> None:
+        """Go on from a saved state of these physics; `hold` and `take` bring its cells."""
+        self.physics, self.steps = physics, steps
+        self.cells.require((*COLUMNS, *physics.columns))
+        self.own[:] = False  # nothing that is held stays
+        self.change()
 
     def hold(
         self, rows: Integers, own: NDArray[np.bool_], origin: Integers, shape: Integers
@@ -130,13 +133,12 @@ class LocalEngine(Engine):
         last = len(self.everyone)
         self.rows = np.append(self.rows, [last - 2, last - 1])
         self.own = np.append(self.own, [True, True])
-        self.pool.lay(rows, ((half.origin, half.phi) for half in halves))
-        self.face_peak[rows] = self.pool.surveys[rows, EDGE]
+        self._lay_halves(rows, halves)
 
     def part(self, rows: Integers) -> dict[str, NDArray]:
         """What `Engine.contents` has of some own cells and other ranks do not know."""
         places = np.searchsorted(self.rows, rows)
-        columns = self.cells.select(places, self.own_columns)
+        columns = state_transfer.sendable(self.cells.select(places, self.own_columns))
         return columns | self.pool.contents(places) | {"rows": rows}
 
     def take(self, part: Mapping[str, NDArray]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphosim.errors import SaveError, SimulationError
-from morphosim.mpi.communicator import StoppedError, agreed, world
+from morphosim.mpi.communicator import StoppedError, agreed, is_agreed, trace_of, world
 from morphosim.mpi.distributed_simulation import RootObserver, on_root
 from morphosim.runs.writer import RunWriter
 from morphosim.simulation.interrupts import SIGNALS
@@ -38,7 +38,8 @@ def go(
     """Run a simulation to its end on all ranks; rank 0 saves it, draws progress and tells the end.
 
     Ctrl-C, or the signal by which a batch system ends a job, stops the run after the present step,
-    saved. An error of one rank alone ends the whole job.
+    saved. An error within a step, of a force term for example, stops all ranks and is told once;
+    any other error of one rank alone ends the whole job.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def go(
     Returns
     -------
     int
-        On rank 0: 0; 1 where the simulation has ended by an error; 130 where it was interrupted.
+        On rank 0: 0; 1 where it has ended by an error; 130 where it was interrupted.
         On others 0: mpirun kills ranks that are still busy when one of them ends otherwise.
 
     Raises
@@ -111,8 +112,10 @@ def _advance(simulation: Simulation, observers: RootObserver, output: Path, say:
         text = f"error: {error}"
     except SimulationError as error:
         text = f"error: {error}. The last state is saved"
-    except StoppedError as error:  # rank 0 tells
-        text = str(error)
+    except Exception as error:
+        if not (isinstance(error, StoppedError) or is_agreed(error)):
+            raise
+        text = trace_of(error)  # of a step; else rank 0 has it, and tells
     if world().rank == 0:
         say(text, err=True)
     return status

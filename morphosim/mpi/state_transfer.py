@@ -53,6 +53,14 @@ def _stretches(state: State, name: str) -> list[NDArray]:
     return np.split(state[name], np.cumsum(sizes)[:-1])
 
 
+def sendable(columns: State) -> dict[str, NDArray]:
+    """Columns of a cell table with their texts as arrays of text, as `CellTable.saved` has them."""
+    return {
+        name: values.astype(str) if values.dtype == object else values
+        for name, values in columns.items()
+    }
+
+
 def send(comm: "Comm", part: State, to: int) -> None:
     """Send arrays of any size to another rank, which calls `receive`."""
     comm.send({name: (value.shape, value.dtype.str) for name, value in part.items()}, to)

@@ -76,7 +76,8 @@ def staged() -> Scene:
     divide = Division(cell="c2", daughters=("c2a", "c2p"), axis=(1, 0, 0), fraction=0.4)
     first = Stage(name="first", end=Duration(6), events=[divide])
     second = Stage(
-        name="second", end=QuasiSteady(), limit=60, physics={"sigma": Attraction(default=0.6)},
+        name="second", end=QuasiSteady(), limit=60,
+        physics={"sigma": Attraction(default=0.6), "terms": [Turning(), Ageing()]},
         events=[
             Removal(cells=["c3"], above={"z": 20.0}),
             Differentiation(of="A", touching="B", into="C"),
@@ -106,6 +107,8 @@ class Turning(Term):
         Column("heading", shape=(3,)),
         Column("turns", inherits=False),
         Column("swims", saved=False),
+        Column("course", object, default="straight"),
+        Column("density"),
     )
 
     def start(self, cells: Any, numerics: Any) -> None:
@@ -124,6 +127,24 @@ class Turning(Term):
         cells["heading"][:, 0] = x * np.cos(angle) - y * np.sin(angle)
         cells["heading"][:, 1] = x * np.sin(angle) + y * np.cos(angle)
         cells["turns"][:] += 1
+        cells["course"][cells["turns"] > 5] = "turned far"
+        with np.errstate(divide="raise"):
+            cells["density"][:] = 1 / step.volumes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ageing(Term):
+    """Cells grow old from the stage on that brings this."""
+
+    columns = (Column("age"),)
+
+    def start(self, cells: Any, numerics: Any) -> None:
+        """Begin with an age, by the first cell that there is, so that there must be one."""
+        cells["age"][:] = 10 + 0 * cells["id"][0]
+
+    def update(self, cells: Any, step: Any, forces: Any) -> None:
+        """Grow old."""
+        cells["age"][:] += step.dt
 
 
 def write(folder: Path, name: str, simulation: Simulation) -> None:
@@ -137,6 +158,13 @@ def write(folder: Path, name: str, simulation: Simulation) -> None:
         simulation.names, simulation.types, simulation.events, simulation.removed,
         simulation.time, simulation.error,
     ]  # fmt: skip
+    if "heading" in arrays:
+        arrays["swims"] = simulation.column("swims")
+        arrays["courses"] = simulation.column("course").astype(str)
+        assert simulation.column("course").dtype == object
+    with suppress(ValueError):
+        simulation.column("unknown")
+        raise AssertionError
     if COMM.rank == 0:
         np.savez(folder / f"{name}.npz", **arrays)
         (folder / f"{name}.json").write_text(json.dumps(facts))
