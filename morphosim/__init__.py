@@ -117,6 +117,7 @@ if TYPE_CHECKING:
     from morphosim.measure.contacts import contact_areas, touching
     from morphosim.measure.label_image import label_image
     from morphosim.measure.measurement import Measurement, measure_fields
+    from morphosim.measure.variable import measured
     from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
@@ -129,7 +130,6 @@ if TYPE_CHECKING:
         Step,
         Term,
     )
-    from morphosim.runs.measured_state import measured
     from morphosim.runs.pack import pack
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter

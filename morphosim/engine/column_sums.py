@@ -87,10 +87,9 @@ class Background:
             shape[axis + 1] = n
             points = corners[:, axis, None] + np.arange(n)
             axes.append((points * self._spacing).reshape(shape))
-        shape = (len(keys), *TILE_SHAPE)
+        full = (len(keys), *TILE_SHAPE)
         parts = [
-            self._checked(each, np.broadcast_to(each.function(*axes), shape))
-            for each in self._given
+            self._checked(each, np.broadcast_to(each.function(*axes), full)) for each in self._given
         ]
         values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
         acts = self._everywhere | (values.reshape(len(keys), -1).max(axis=1) > _ABSENT)

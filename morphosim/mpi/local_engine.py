@@ -123,8 +123,9 @@ class LocalEngine(Engine):
         halves : their fields
         """
         place = int(np.searchsorted(self.rows, number))
+        inherited = self.cells.born(place, {"name": born["name"]})
         self.pool.release([place])
-        rows = self.cells.divide(place, {"name": born["name"]})
+        rows = self.cells.replace(place, inherited)
         for name, values in born.items():
             self.cells[name][rows] = values
         self.cells.index()

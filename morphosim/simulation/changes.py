@@ -1,6 +1,6 @@
 """What may change a simulation between two steps: divisions, removals, other parameters."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -138,7 +138,7 @@ class Changes:
             if "volume" in values:
                 volume_at(name, values["volume"], self.time)
         changed = np.zeros(len(rows), bool)
-        setters = {
+        setters: dict[str, Callable[[Rows, Any], NDArray[np.bool_]]] = {
             "type": self._set_type, "gamma": self._set_gamma, "volume": self._set_volume,
             "frozen": self._set_frozen,
         }  # fmt: skip
