@@ -29,6 +29,10 @@ SpaceFunction = Callable[[Floats, Floats, Floats], Floats]
 class Step:
     """The step under way.
 
+    On several MPI ranks the table holds a part of all cells, and among them ghost cells: cells of
+    other ranks that come near, marked as frozen. Their volumes are right, but columns of a term
+    have no meaning for them; take no sums over cells.
+
     Attributes
     ----------
     number : int
