@@ -45,7 +45,11 @@ class PointForce:
     @property
     def name(self) -> str:
         """Another one if the function, or a constant or function that it takes, is another."""
-        return f"point_{_digest(self.function, self.function.__qualname__, {})[:16]}"
+        seen: dict[int, Any] = {}
+        digest = _digest(self.function, self.function.__qualname__, seen)
+        for called in seen.values():
+            _check_unchanged(called)
+        return f"point_{digest[:16]}"
 
     @property
     def compiled(self) -> Any:
@@ -94,18 +98,18 @@ def point_force(function: Callable[..., Any]) -> PointForce:
     return force
 
 
-def _digest(item: Any, where: str, seen: dict[int, int]) -> str:
+def _digest(item: Any, where: str, seen: dict[int, Any]) -> str:
     return hashlib.sha256(repr(_content(item, where, seen)).encode()).hexdigest()
 
 
-def _content(item: Any, where: str, seen: dict[int, int]) -> Any:
+def _content(item: Any, where: str, seen: dict[int, Any]) -> Any:
     """All that compiled code depends on of a thing that it takes, as numbers and texts.
 
     Parameters
     ----------
     item : a value, a function, or its code
     where : what it is called, for errors
-    seen : numbers of the functions looked at, by their addresses; they may call themselves
+    seen : functions looked at, by the addresses of their plain ones; they may call themselves
 
     Raises
     ------
@@ -143,12 +147,12 @@ def _public_name(item: Any) -> str | None:
     return f"{module}.{name}" if known and not hasattr(item, "py_func") else None
 
 
-def _content_of_function(item: Any, where: str, seen: dict[int, int]) -> Any:
+def _content_of_function(item: Any, where: str, seen: dict[int, Any]) -> Any:
     """Code of a function, its defaults, and what it takes from outside by name."""
     function = getattr(item, "py_func", item)
     if id(function) in seen:
-        return "again", seen[id(function)]
-    seen[id(function)] = len(seen)
+        return "again", list(seen).index(id(function))
+    seen[id(function)] = item
     outside = dict(_outside(function, where))
     content = (
         _content(function.__code__, where, seen),
@@ -165,13 +169,15 @@ def _content_of_function(item: Any, where: str, seen: dict[int, int]) -> Any:
         (key, sorted(map(str, value)) if isinstance(value, set | frozenset) else str(value))
         for key, value in item.targetoptions.items()
     )
-    _check_unchanged(item, where)
     return content, options
 
 
-def _check_unchanged(helper: Any, where: str) -> None:
+def _check_unchanged(helper: Any) -> None:
     """Raise ValueError if what a compiled function takes has changed: Numba compiles it once."""
-    digest = _digest(helper.py_func, where, {})
+    if not hasattr(helper, "py_func"):
+        return
+    where = helper.py_func.__qualname__
+    digest = _digest(helper, where, {})
     if helper.signatures and _HELPERS.get(helper, digest) != digest:
         message = (
             f"point force: {where} has been compiled, and what it takes has changed since; give "

@@ -132,6 +132,24 @@ def test_helpers_may_call_themselves() -> None:
     assert made(by_itself).name == made(by_itself).name
 
 
+@numba.njit
+def even(n):  # type: ignore[no-untyped-def]
+    return True if n == 0 else odd(n - 1)
+
+
+@numba.njit
+def odd(n):  # type: ignore[no-untyped-def]
+    return False if n == 0 else even(n - 1)
+
+
+def by_each_other(values, phi, gx, gy, gz, laplacian):  # type: ignore[no-untyped-def]
+    return phi if even(4) else gx
+
+
+def test_helpers_may_call_each_other() -> None:
+    assert made(by_each_other).name == made(by_each_other).name != made(by_itself).name
+
+
 def test_names_are_the_same_in_another_process() -> None:
     """No address is part of them."""
     code = (
