@@ -13,9 +13,7 @@ from morphosim.physics.term import Term
 from morphosim.scene.arrays import listed
 from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.term_tables import term_table, terms_of
-from morphosim.scene.values import build as build
-from morphosim.scene.values import dataclass_table as dataclass_table
-from morphosim.scene.values import plain
+from morphosim.scene.values import build, dataclass_table, plain
 
 
 def numerics_of(table: Mapping[str, Any]) -> Numerics:

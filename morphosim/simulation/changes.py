@@ -13,6 +13,7 @@ from morphosim.engine.engine import Engine, check_columns
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import VolumeFunction, check_values, volume_at
 from morphosim.scene.events import CHANGEABLE
+from morphosim.scene.tables import physics_table
 from morphosim.simulation.division import divided
 from morphosim.simulation.volumes import VolumeFunctions
 
@@ -158,7 +159,7 @@ class Changes:
         """
         _validate.keys("change of physics", values, _validate.names_of(Physics))
         physics = replace(self.physics, **values)
-        if physics != self.physics:
+        if physics_table(physics) != physics_table(self.physics):
             check_columns(physics)
             self.engine.set_physics(physics)
             self._tell(f"change of {', '.join(values)}")

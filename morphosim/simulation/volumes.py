@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim.cell_table import CellTable
 from morphosim.scene.cell import VolumeCourse, VolumeFunction, volume_at
-from morphosim.scene.tables import build, dataclass_table
+from morphosim.scene.values import build, dataclass_table
 
 
 class VolumeFunctions:
