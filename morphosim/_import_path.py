@@ -9,6 +9,8 @@ from types import ModuleType
 from typing import Any
 
 MAIN = "__main__"
+SCRIPTS = (MAIN, "__mp_main__")
+"""What a script is called where it was started, and in the processes that it starts."""
 
 
 def loaded(text: str, where: str, folder: Path = Path()) -> Any:
@@ -49,8 +51,8 @@ def path_of(item: Any) -> str | None:
         return None
     if found is not item:
         return None
-    file = getattr(sys.modules[MAIN], "__file__", None)
-    if module == MAIN and file is not None:
+    file = getattr(sys.modules[str(module)], "__file__", None)
+    if module in SCRIPTS and file is not None:
         return f"{Path(file).resolve()}:{name}"
     return f"{module}:{name}"
 

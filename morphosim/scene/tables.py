@@ -1,6 +1,6 @@
 """Physics, numerics and cells as plain tables, and back: what scene files and saved states say."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -88,6 +88,21 @@ def physics_table(physics: Physics) -> dict[str, Any]:
     if physics.terms:
         table["terms"] = [_table_or_term(term) for term in physics.terms]
     return table
+
+
+def relocated(table: Mapping[str, Any], courses: Iterable[Physics]) -> dict[str, Any]:
+    """Physics of a saved state, whose terms are found where a scene's physics have them now."""
+    terms = [row for physics in courses for row in physics_table(physics).get("terms", ())]
+    places = {_class_of(row): row["use"] for row in terms if isinstance(row, Mapping)}
+    moved = [
+        row | {"use": places.get(_class_of(row), row["use"])} if isinstance(row, Mapping) else row
+        for row in table.get("terms", ())
+    ]
+    return dict(table) | ({"terms": moved} if moved else {})
+
+
+def _class_of(row: Mapping[str, Any]) -> str:
+    return str(row["use"]).rpartition(":")[2]
 
 
 def _table_or_term(term: Term) -> Any:

@@ -17,7 +17,7 @@ from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene import stability
 from morphosim.scene.fingerprint import settings
 from morphosim.scene.scene import Scene
-from morphosim.scene.tables import physics_of, physics_table
+from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
 from morphosim.simulation.observers import Observer
@@ -171,7 +171,8 @@ class Simulation(State):
         """Hold the state that `checkpoint` gave."""
         known = {cell.name: cell.volume for cell in self.scene.cells if callable(cell.volume)}
         self._volumes = VolumeFunctions.of(state.volumes, known | self._volumes.functions)
-        self.engine.restore(state.arrays, physics_of(state.physics, state.names), state.steps)
+        physics = physics_of(relocated(state.physics, self.scene.courses), state.names)
+        self.engine.restore(state.arrays, physics, state.steps)
         self.stage, self.removed = state.stage, list(state.removed)
         self._used = {*state.used, *state.names}
 

@@ -256,6 +256,11 @@ if __name__ == "__main__":
     del sys.modules[str(script)]
     with pytest.raises(ValueError, match=r"terms\[0\].use = .*sinking.py:Gravity' cannot be loa"):
         Simulation.from_run(folder)
+    moved = tmp_path / "moved.py"
+    moved.write_text(text)
+    saved_scene = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(saved_scene.replace(str(script), str(moved)))
+    assert Simulation.from_run(folder).centroids[0, 2] == whole
     with open_run(folder) as run:  # to look at it needs no term
         assert run.sizes["time"] == 3
 
