@@ -5,6 +5,8 @@ import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from morphosim.errors import TermError
+
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
@@ -72,21 +74,28 @@ def raise_agreed(comm: "Comm", error: Exception | None) -> None:
 
     Raises
     ------
+    TermError
+        A force term of any rank has failed.
     StoppedError
-        Other ranks only have an error; the text is that of the first of them, and its `trace`
+        Other ranks only have another error; the text is that of the first of them, and its `trace`
         says where in the code it was raised.
     Exception
         The error given here.
     """
     told = None
     if error is not None:
-        told = str(error) or type(error).__name__, "".join(traceback.format_exception(error))
+        trace = "".join(traceback.format_exception(error))
+        time = error.time if isinstance(error, TermError) else None
+        told = str(error) or type(error).__name__, trace, time
     failed = next((entry for entry in comm.allgather(told) if entry is not None), None)
     if failed is None:
         return
-    if error is None:
-        error = StoppedError(failed[0])
-        error.trace = failed[1]
+    text, trace, time = failed
+    if error is None and time is not None:
+        error = TermError(text, time=time, cell="")
+    elif error is None:
+        error = StoppedError(text)
+        error.trace = trace
     error.__dict__[AGREED] = True
     raise error
 

@@ -111,7 +111,8 @@ def _advance(simulation: Simulation, observers: RootObserver, output: Path, say:
     except SaveError as error:
         text = f"error: {error}"
     except SimulationError as error:
-        text = f"error: {error}. The last state is saved"
+        kept = "The last state is saved" if simulation.whole else "The saves before are kept"
+        text = f"error: {error}. {kept}"
     except Exception as error:
         if not (isinstance(error, StoppedError) or is_agreed(error)):
             raise

@@ -203,11 +203,10 @@ raise error
 def test_all_ranks_stop_where_the_step_of_one_fails(tmp_path: Path, failing: int) -> None:
     script = "import json, sys\n" + TERMS + STOPPED
     done = launch(2, "-c", script, tmp_path / "run", f"c{failing}")
-    expected = [["StoppedError", f"no force for c{failing}", 2, False] for _ in range(2)]
-    expected[failing][0] = "RuntimeError"
-    assert json.loads(done.stdout) == expected, done.stderr
+    text = f"force term FailsForOne failed at t = 4: RuntimeError: no force for c{failing}"
+    assert json.loads(done.stdout) == [["TermError", text, 2, False]] * 2, done.stderr
     assert done.returncode == 1
-    assert f"Error: no force for c{failing}" in done.stderr
+    assert text in done.stderr
     with open_run(tmp_path / "run") as run:
         assert run["time"].values.tolist() == [0, 2, 4]
 
