@@ -175,9 +175,10 @@ class Engine(CellView):
         """What the next step works on: all set up, and the forces of all terms added up."""
         self.settle()
         self._add_up_forces()
-        values = self._values._replace(fresh=self.cells["fresh"])
+        if self._values.fresh is not self.cells["fresh"]:  # ranks lay the table out anew
+            self._values = self._values._replace(fresh=self.cells["fresh"])
         return StepState(
-            self._schedule, self.pool, values, self._coupling, self._workspace,
+            self._schedule, self.pool, self._values, self._coupling, self._workspace,
             self._stencil, self._limits, self._later, self._first,
         )  # fmt: skip
 
@@ -315,7 +316,8 @@ class Engine(CellView):
         forces, values = self._forces, self._values
         step = Step(self.steps, self.numerics.dt, self.numerics.seed, self.volumes)
         forces.pressure[:] = 0
-        forces.drift[:] = 0
+        if values.drift is not None:
+            forces.drift[:] = 0
         for term in self._terms:
             try:
                 term.update(self.cells, step, forces)

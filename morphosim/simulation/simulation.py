@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
-from morphosim.runs import resume
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene import stability
 from morphosim.scene.fingerprint import settings
@@ -141,6 +140,8 @@ class Simulation(State):
         --------
         >>> simulation = Simulation.from_run("runs/embryo")  # doctest: +SKIP
         """
+        from morphosim.runs import resume  # with xarray, which a simulation alone does not need
+
         if scene is None and time is None:
             return cls(*resume.saved_state(Path(directory)))
         return cls(resume.branched_scene(Path(directory), scene, time))

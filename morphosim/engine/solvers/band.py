@@ -37,6 +37,7 @@ class BandSolver:
         index = np.searchsorted(present, tensions)
         later, first = (self._weights(physics, present, fresh)[index] for fresh in (False, True))
         self._counts = np.array([later.shape[1], first.shape[1]])
+        self._later_counts = np.full(len(tensions), later.shape[1])
         self._weights_of = np.zeros((2, len(tensions), self._counts.max()), self._dtype)
         self._weights_of[0, :, : later.shape[1]] = later
         self._weights_of[1, :, : first.shape[1]] = first
@@ -58,10 +59,10 @@ class BandSolver:
 
     def with_weights(self, terms: CellTerms) -> CellTerms:
         """Numbers of each cell, with the iterations of this step."""
+        if not terms.fresh.any():
+            return terms._replace(n_iterations=self._later_counts, weights=self._weights_of[0])
         fresh = terms.fresh.astype(np.int64)
-        weights = self._weights_of[0]
-        if fresh.any():
-            weights = self._weights_of[fresh, np.arange(len(fresh))]
+        weights = self._weights_of[fresh, np.arange(len(fresh))]
         return terms._replace(n_iterations=self._counts[fresh], weights=weights)
 
     def _weights(self, physics: Physics, present: Floats, fresh: bool) -> Floats:
