@@ -86,6 +86,10 @@ class Engine(CellView):
         There are fewer threads than `numerics.threads`, or two terms have columns of one name.
     """
 
+    _values: CellTerms
+    _first: Scheme
+    _later: Scheme
+
     def __init__(
         self, physics: Physics, numerics: Numerics, confinement: Confinement | None
     ) -> None:
@@ -276,7 +280,7 @@ class Engine(CellView):
         self.solver.set_up(physics, tensions, np.unique(all_tensions))
         self._forces = Forces(np.zeros(len(cells)), np.zeros((len(cells), 3)))
         self._values = self._cell_terms(tensions)
-        self._first, self._later = (self._scheme(fresh) for fresh in (True, False))
+        self._first, self._later = self._scheme(True), self._scheme(False)
 
     def _cell_terms(self, tensions: NDArray[np.float64]) -> CellTerms:
         """Numbers of each cell for the kernels."""

@@ -95,7 +95,9 @@ def relocated(table: Mapping[str, Any], courses: Iterable[Physics]) -> dict[str,
     terms = [row for physics in courses for row in physics_table(physics).get("terms", ())]
     places = {_class_of(row): row["use"] for row in terms if isinstance(row, Mapping)}
     moved = [
-        row | {"use": places.get(_class_of(row), row["use"])} if isinstance(row, Mapping) else row
+        dict(row) | {"use": places.get(_class_of(row), row["use"])}
+        if isinstance(row, Mapping)
+        else row
         for row in table.get("terms", ())
     ]
     return dict(table) | ({"terms": moved} if moved else {})
