@@ -25,11 +25,16 @@ FAST_MATH = frozenset({"reassoc", "nsz", "arcp", "contract", "afn"})
 
 
 def _cache_folder() -> str:
-    """First of these that can be written to: NUMBA_CACHE_DIR, beside the kernels, the user's."""
+    """First of these that can be written to: NUMBA_CACHE_DIR, beside a clone's kernels, the user's.
+
+    Not beside installed kernels: what an uninstalled package leaves there would hide another one.
+    """
     here = Path(__file__).parent
     digest = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(here.glob("*.py"))))
     user = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    bases = [here / "__pycache__", user / "morphosim", Path(tempfile.gettempdir()) / "morphosim"]
+    bases = [user / "morphosim", Path(tempfile.gettempdir()) / "morphosim"]
+    if not {"site-packages", "dist-packages"} & set(here.parts):
+        bases.insert(0, here / "__pycache__")
     if numba.config.CACHE_DIR:
         bases.insert(0, Path(numba.config.CACHE_DIR) / "morphosim")
     for base in bases:
