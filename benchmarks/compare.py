@@ -27,7 +27,9 @@ from _pairs import Box, largest_difference, paired_ratios
 
 RADIUS, DT = 4.0, 1.5
 WORKER = Path(__file__).with_name("_compare_worker.py")
-CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "morphosim" / "compare"
+CACHE = Path(
+    os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "morphosim/compare"
+)
 PAIR = 2
 """Fewest cells that need all kernels; one alone has others for what it does not feel."""
 SETTLED = 20

@@ -1,4 +1,4 @@
-"""JIT options of every kernel, in one place.
+"""JIT options of every kernel, in one place, and where compiled kernels are kept.
 
 Fast-math is used without `nnan` and `ninf`: with them a compiled `isfinite` is always true and a
 diverging run goes unnoticed. Nothing is compiled at import; compiled code is cached on disk.
@@ -6,16 +6,23 @@ diverging run goes unnoticed. Nothing is compiled at import; compiled code is ca
 Numba notices a change of a kernel's own file only, not of the files that it calls. Our caches
 therefore lie in a folder named after the content of all kernel files: a change of any of them
 starts a new one.
+
+What lies in a cache is executed. So it is a folder of this user's (mode 0700), in which, and above
+which, nobody else can put anything; this is looked at whenever Python starts.
 """
 
+import atexit
 import hashlib
 import os
+import shutil
+import stat
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 from numba.core import types
@@ -24,28 +31,88 @@ from numba.extending import overload
 FAST_MATH = frozenset({"reassoc", "nsz", "arcp", "contract", "afn"})
 
 
-def _cache_folder() -> str:
-    """First of these that can be written to: NUMBA_CACHE_DIR, beside a clone's kernels, the user's.
+class Cache(NamedTuple):
+    """Where compiled kernels are kept: None is nowhere; a folder that is not kept ends with us."""
 
-    Not beside installed kernels: what an uninstalled package leaves there would hide another one.
+    folder: str | None
+    kept: bool
+
+
+NEEDED = (
+    "compiled kernels need a folder that this user can write to, and nobody else there or above"
+)
+
+
+def _find_cache() -> Cache:
+    """First folder that can be written to, by this user alone; else a new one for this process.
+
+    That of NUMBA_CACHE_DIR, beside a clone's kernels, the user's. Not beside installed kernels:
+    what an uninstalled package leaves there would hide another one.
     """
     here = Path(__file__).parent
-    digest = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(here.glob("*.py"))))
-    user = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    bases = [user / "morphosim", Path(tempfile.gettempdir()) / "morphosim"]
+    content = b"".join(path.read_bytes() for path in sorted(here.glob("*.py")))
+    name = hashlib.sha256(content).hexdigest()[:16]
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    bases = [user / "morphosim"] if user.is_absolute() else []  # it is not if no home is known
     if not {"site-packages", "dist-packages"} & set(here.parts):
         bases.insert(0, here / "__pycache__")
-    if numba.config.CACHE_DIR:
-        bases.insert(0, Path(numba.config.CACHE_DIR) / "morphosim")
-    for base in bases:
-        folder = base / digest.hexdigest()[:16]
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK):
-            return str(folder)
-    return str(numba.config.CACHE_DIR)
+    if wanted := numba.config.CACHE_DIR:
+        if folder := _private(Path(wanted, "morphosim", name)):
+            return Cache(folder, kept=True)
+        message = f"NUMBA_CACHE_DIR = {wanted} is not used: {NEEDED}"
+        warnings.warn(message, RuntimeWarning, stacklevel=2)
+    kept = next((folder for base in bases if (folder := _private(base / name))), None)
+    return Cache(kept, kept=True) if kept else Cache(_temporary(), kept=False)
+
+
+def _private(folder: Path) -> str | None:
+    """The folder, made if it is not there; None if it cannot be ours, and ours alone."""
+    try:
+        folder = folder.resolve()
+        for part in (*reversed(folder.parents), folder):
+            if not part.exists():
+                part.mkdir(mode=0o700, exist_ok=True)
+            if not _is_guarded(part.lstat()):  # a link that has just been planted is not
+                return None
+        well = _is_ours_alone(folder.lstat()) and os.access(folder, os.W_OK | os.X_OK)
+    except (OSError, RuntimeError):  # RuntimeError: links in a circle
+        return None
+    return str(folder) if well else None
+
+
+def _is_guarded(found: os.stat_result) -> bool:
+    """Whether nobody but the system and this user can rename what lies in a folder.
+
+    In a sticky folder, as /tmp is, only its owner and that of the thing itself can.
+    """
+    if not hasattr(os, "geteuid"):  # Windows: a profile is its user's by other means
+        return True
+    if found.st_uid not in {os.geteuid(), 0, os.stat("/").st_uid}:
+        return False
+    return not found.st_mode & 0o022 or bool(found.st_mode & stat.S_ISVTX)
+
+
+def _is_ours_alone(found: os.stat_result) -> bool:
+    """Whether a folder belongs to this user, and is closed to all others."""
+    if not hasattr(os, "geteuid"):
+        return True
+    return found.st_uid == os.geteuid() and not found.st_mode & 0o077
+
+
+def _temporary() -> str | None:
+    """New folder, which is removed when this process ends; None if there can be none."""
+    try:
+        folder = tempfile.mkdtemp(prefix="morphosim-")
+    except OSError:
+        return None
+    atexit.register(_remove, folder, os.getpid())
+    return _private(Path(folder))
+
+
+def _remove(folder: str, maker: int) -> None:
+    """Remove a folder in the process that has made it, not in forks of it."""
+    if os.getpid() == maker:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -59,17 +126,17 @@ def _cached_in(folder: str) -> Iterator[None]:
         numba.config.CACHE_DIR = before
 
 
-_FOLDER = _cache_folder()
+CACHE = _find_cache()
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator that makes a kernel; `options` are further ones of `numba.njit`."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        with _cached_in(_FOLDER):
+        with _cached_in(CACHE.folder or ""):
             return numba.njit(
                 error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False,
-                cache=True, **options,
+                cache=CACHE.folder is not None, **options,
             )(function)  # fmt: skip
 
     return decorate
