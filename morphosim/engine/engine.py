@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-import numba
 import numpy as np
 import scipy.linalg.cython_blas  # noqa: F401  (the BLAS that Numba calls; loaded to be limited)
 from numba import get_num_threads, set_num_threads
@@ -29,6 +28,7 @@ from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.measure.measurement import Measurement, measure
 from morphosim.numerics.parameters import Numerics
 from morphosim.numerics.schemes import coefficients
+from morphosim.numerics.threads import check_threads
 from morphosim.physics.parameters import Physics
 from morphosim.physics.term import Environment, Forces, Step
 
@@ -95,7 +95,8 @@ class Engine(CellView):
     ) -> None:
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
         self.dtype = np.dtype(DTYPES[numerics.precision])
-        self.workers = _checked_threads(numerics.worker_count)
+        check_threads("numerics.threads", numerics.worker_count)
+        self.workers = numerics.worker_count
         self.cells = CellTable((*COLUMNS, *physics.columns))
         self.steps = 0
         self.whole = True
@@ -345,16 +346,6 @@ class Engine(CellView):
         self.moved = self.pool.refit(cells) if len(cells) else cells
         if len(self.moved):
             self._displaced = True
-
-
-def _checked_threads(threads: int) -> int:
-    if threads > numba.config.NUMBA_NUM_THREADS:
-        message = (
-            f"numerics.threads = {threads} is more than the {numba.config.NUMBA_NUM_THREADS} that "
-            "Numba was started with; take fewer, or set NUMBA_NUM_THREADS before the start"
-        )
-        raise ValueError(message)
-    return threads
 
 
 def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from morphosim.errors import TermError
+from morphosim.numerics.threads import automatic_threads
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -120,7 +121,7 @@ def threads_per_rank(comm: "Comm") -> int:
     mine = _processors()
     sharing = sum(1 for other in local.allgather(mine) if other == mine)
     local.Free()
-    return max(1, len(mine) // sharing)
+    return max(1, min(len(mine) // sharing, automatic_threads()))
 
 
 def _processors() -> frozenset[Any]:

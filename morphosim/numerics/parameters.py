@@ -1,12 +1,12 @@
 """How the equations are solved: the knobs that trade speed for accuracy."""
 
-import os
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from morphosim import _validate
+from morphosim.numerics.threads import automatic_threads
 
 SCHEMES = ("bdf2", "imex1", "euler")
 SOLVERS = {"dct": "cosine", "band": "band"}
@@ -68,7 +68,8 @@ class Numerics:
     transform : {"matrix", "pyfftw", "scipy"}
         Cosine transform of the "dct" solver: dense matrices through BLAS, FFTW or SciPy.
     threads : int
-        Number of threads; 0 takes all the processors available. The result does not depend on it.
+        Number of threads; 0 takes all the processors available, at most NUMBA_NUM_THREADS. The
+        result does not depend on it.
     seed : int
         Seed of the motility noise.
     allow_coarse : bool
@@ -150,12 +151,8 @@ class Numerics:
 
     @property
     def worker_count(self) -> int:
-        """Number of threads to use: `threads`, or the processors available to this process."""
-        if self.threads:
-            return self.threads
-        if hasattr(os, "sched_getaffinity"):
-            return len(os.sched_getaffinity(0))
-        return os.cpu_count() or 1
+        """Number of threads to use: `threads`, or as many as this process can have."""
+        return self.threads or automatic_threads()
 
     def steps_to(self, time: float) -> int:
         """Number of steps of δt that reach an *in silico* time."""

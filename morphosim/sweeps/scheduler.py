@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
 from morphosim._extras import need
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.threads import available_processors, check_threads, most_threads
 from morphosim.sweeps.axes import Member
 
 if TYPE_CHECKING:
@@ -31,14 +31,16 @@ def shares(members: int, workers: int | None, threads: int | None) -> tuple[int,
     Raises
     ------
     ValueError
-        They would be more than there are cores.
+        They would be more than there are cores, or a member would have more threads than Numba.
     """
-    cores = Numerics().worker_count
+    cores = available_processors()
     if workers is not None:
         _validate.integer("workers", workers, least=1)
     if threads is None:
         threads = max(cores // min(cores, workers or max(members, 1)), 1)
+        threads = min(threads, most_threads())
     _validate.integer("threads_per_member", threads, least=1)
+    check_threads("threads_per_member", threads)
     wanted = max(cores // threads, 1) if workers is None else workers
     if wanted * threads > cores:
         message = (

@@ -97,13 +97,18 @@ def test_wrong_choices_fail_before_the_first_member(
 
 
 def test_cores_are_shared_without_more_threads_than_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("morphosim.numerics.parameters.Numerics.worker_count", 8)
+    monkeypatch.setattr("morphosim.sweeps.scheduler.available_processors", lambda: 8)
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 8)
     assert shares(100, None, None) == (8, 1)
     assert shares(2, None, None) == (2, 4)
     assert shares(100, None, 3) == (2, 3)
     assert shares(100, 2, None) == (2, 4)
     with pytest.raises(ValueError, match="more than the 8 cores"):
         shares(100, 3, 4)
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 1)
+    assert shares(2, None, None) == (2, 1)
+    with pytest.raises(ValueError, match="threads_per_member = 4 is more than the 1 that Numba"):
+        shares(2, None, 4)
 
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,53 @@
+"""How many threads there are: what the machine, the job and Numba allow."""
+
+import math
+import os
+from pathlib import Path
+
+GROUPS = Path("/sys/fs/cgroup")
+"""Where Linux says what share of the processors a container may use."""
+
+
+def available_processors() -> int:
+    """Number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        count = len(os.sched_getaffinity(0))
+    else:
+        count = os.cpu_count() or 1
+    return math.ceil(min(count, _quota()))
+
+
+def most_threads() -> int:
+    """Most threads that Numba can use: NUMBA_NUM_THREADS as it was at the start."""
+    from numba import config
+
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def automatic_threads() -> int:
+    """Number of threads where nobody has said one."""
+    return min(available_processors(), most_threads())
+
+
+def check_threads(label: str, threads: int) -> None:
+    """Raise ValueError if there cannot be so many threads."""
+    if threads > most_threads():
+        message = (
+            f"{label} = {threads} is more than the {most_threads()} that Numba was started with "
+            "here (NUMBA_NUM_THREADS, by default the processors of this process): take at most "
+            f"{most_threads()}, or set NUMBA_NUM_THREADS before the start"
+        )
+        raise ValueError(message)
+
+
+def _quota() -> float:
+    """Processors' worth of time that the control group allows; inf without a limit."""
+    for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
+        try:
+            said = " ".join((GROUPS / name).read_text() for name in names)
+            quota, period = said.split()
+            if float(quota) > 0:  # -1 is no limit
+                return float(quota) / float(period)
+        except (OSError, ValueError):  # not there, or "max"
+            continue
+    return math.inf
