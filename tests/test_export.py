@@ -14,6 +14,7 @@ import tifffile
 
 from morphosim import export
 from morphosim.exports.stl import TRIANGLE, file_names
+from morphosim.importers.labels.image_file import read_labels
 from morphosim.measure.surfaces import cell_surface
 
 from .run_by_hand import NAMES, H, Run, Save, images_only, make_run, simulated, with_contact_list
@@ -195,7 +196,7 @@ def pixels_of(xml: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("times", "increment"), [([0, 10, 20, 26], None), ([10, 20], "10.0"), ([20], None)]
 )
-def test_ome_tiff_has_every_time_that_is_not_a_multiple(
+def test_ome_tiff_has_the_time_of_every_plane(
     run: Run, tmp_path: Path, times: list[float], increment: str | None
 ) -> None:
     image, _ = export(run.data, tmp_path, "ome-tiff", times)
@@ -205,6 +206,28 @@ def test_ome_tiff_has_every_time_that_is_not_a_multiple(
     assert pixels["channel"] == "cells"
     expected = np.repeat(times, int(pixels["SizeZ"]))
     np.testing.assert_allclose([float(t) for t in pixels["planes"].split()], expected)
+
+
+def test_an_exported_label_image_comes_back_to_its_place(run: Run, tmp_path: Path) -> None:
+    image, _ = export(run.data, tmp_path, "ome-tiff", [10])
+    labels = run.data.morpho.labels(10)
+    found = read_labels(image)
+    np.testing.assert_allclose(found.origin, [float(labels[axis][0]) for axis in "xyz"])
+    assert any(found.origin)
+    np.testing.assert_allclose(found.spacing, H)
+    np.testing.assert_array_equal(found.labels, labels.values)
+
+
+def test_a_position_without_a_unit_of_length_is_no_position(tmp_path: Path) -> None:
+    planes = {"PositionX": [3.0] * 2, "PositionY": [2.0] * 2, "PositionYUnit": ["mm"] * 2}
+    sizes = {f"PhysicalSize{axis}": 0.5 for axis in "XYZ"}
+    tifffile.imwrite(
+        tmp_path / "a.ome.tif",
+        np.ones((2, 3, 4), np.uint8),
+        photometric="minisblack",
+        metadata={"axes": "ZYX", "Plane": planes} | sizes,
+    )
+    assert list(read_labels(tmp_path / "a.ome.tif").origin) == [0, 2000, 0]
 
 
 def test_ome_tiff_reads_one_save_at_a_time(run: Run, tmp_path: Path) -> None:

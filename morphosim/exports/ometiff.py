@@ -89,12 +89,11 @@ def _planes(
 def _metadata(
     run: xr.Dataset, saves: Sequence[int], low: NDArray[np.int64], planes: int
 ) -> dict[str, Any]:
-    """OME metadata; times that are not even are written with every plane."""
-    step = spacing(run)
-    x, y, z = low * step
+    """OME metadata; time and position are written with every plane."""
+    step, times = spacing(run), run["time"].values[list(saves)]
     about = (
-        "Label images: 0 outside, else 1 + the place of the cell in labels.csv. The first voxel "
-        f"is at ({x:g}, {y:g}, {z:g}) um. Times are in silico time, not seconds."
+        "Label images: 0 outside, else 1 + the place of the cell in labels.csv. Times are in "
+        "silico time, not seconds."
     )
     sizes = {f"PhysicalSize{axis}": step for axis in "XYZ"}
     units = {f"PhysicalSize{axis}Unit": "µm" for axis in "XYZ"}
@@ -105,15 +104,25 @@ def _metadata(
         "Channel": {"Name": ["cells"]},
         **sizes,
         **units,
-        **_timing(run["time"].values[list(saves)], planes),
+        **_timing(times),
+        "Plane": _planes_said(times, low, step, planes),
     }
 
 
-def _timing(times: NDArray[np.float64], planes: int) -> dict[str, Any]:
-    """The increment of even times from 0, else the time of every plane."""
+def _timing(times: NDArray[np.float64]) -> dict[str, float]:
+    """The increment of even times."""
     steps = np.diff(times)
     even = steps.size > 0 and np.allclose(steps, steps[0], rtol=1e-6, atol=0)
-    increment = {"TimeIncrement": float(steps[0])} if even else {}
-    if even and times[0] == 0:
-        return increment
-    return increment | {"Plane": {"DeltaT": np.repeat(times, planes).tolist()}}
+    return {"TimeIncrement": float(steps[0])} if even else {}
+
+
+def _planes_said(
+    times: NDArray[np.float64], low: NDArray[np.int64], step: float, planes: int
+) -> dict[str, list[Any]]:
+    """Time of every plane, and position of its first voxel."""
+    x, y = (np.full(len(times) * planes, low[axis] * step) for axis in (0, 1))
+    z = np.tile((low[2] + np.arange(planes)) * step, len(times))
+    said: dict[str, list[Any]] = {"DeltaT": np.repeat(times, planes).tolist()}
+    for axis, position in zip("XYZ", (x, y, z), strict=True):
+        said |= {f"Position{axis}": position.tolist(), f"Position{axis}Unit": ["µm"] * len(z)}
+    return said

@@ -19,6 +19,8 @@ MICROMETRES = {
     "micrometre": 1.0, "micrometres": 1.0, "nm": 1e-3, "mm": 1e3, "cm": 1e4, "m": 1e6,
 }  # fmt: skip
 """Units of length that files name, in µm."""
+REFERENCE_FRAME = "reference frame"
+"""OME's unit of positions that have none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +63,8 @@ def read_labels(
     spacing : float or (3,) in the order x, y, z, optional
         Size of a voxel in µm; by default what OME metadata or netCDF coordinates say.
     origin : (3,) µm, optional
-        Position of the first voxel's centre; by default what netCDF coordinates say, else 0.
+        Position of the first voxel's centre; by default what OME metadata (PositionX, ...) or
+        netCDF coordinates say, else 0.
     key : str, optional
         Array of an .npz file or variable of a netCDF file; by default the only one (of a netCDF
         file the only one of integers with three or four dimensions).
@@ -162,7 +165,10 @@ def _read_tiff(path: Path, wanted: _Wanted) -> _Found:
     values, said, metadata = guarded(path, lambda: _tiff_content(path))
     letters = _letters(str(path), values.shape, said, "zyx", wanted)
     labels, letters = _at_time(str(path), values, letters, wanted.time_index)
-    return _Found(labels=labels, letters=letters, steps=_ome_steps(path, metadata))
+    return _Found(
+        labels=labels, letters=letters, steps=_ome_steps(path, metadata),
+        first=_ome_first(path, metadata),
+    )  # fmt: skip
 
 
 def _tiff_content(path: Path) -> tuple[NDArray[Any], str, str | None]:
@@ -182,18 +188,33 @@ def _tiff_content(path: Path) -> tuple[NDArray[Any], str, str | None]:
 
 def _ome_steps(path: Path, metadata: str | None) -> dict[str, float]:
     """Size of a voxel by axis that OME metadata state, µm."""
-    from xml.etree import ElementTree
-
-    if metadata is None:
-        return {}
-    root = guarded(path, lambda: ElementTree.fromstring(metadata))
-    pixels = root.find(".//{*}Pixels")
-    said = {} if pixels is None else pixels.attrib
+    said = _ome_said(path, metadata, ".//{*}Pixels")
     return {
         letter: float(said[key]) * _unit(f"{path}: {key}", said.get(f"{key}Unit", "µm"))
         for letter, key in ((letter, f"PhysicalSize{letter.upper()}") for letter in "xyz")
         if key in said
     }
+
+
+def _ome_first(path: Path, metadata: str | None) -> dict[str, float]:
+    """Position of the first voxel by axis that OME metadata state in a unit of length, µm."""
+    said = _ome_said(path, metadata, ".//{*}Pixels/{*}Plane[@TheZ='0']")
+    return {
+        letter: float(said[key]) * _unit(f"{path}: {key}", said[f"{key}Unit"])
+        for letter, key in ((letter, f"Position{letter.upper()}") for letter in "xyz")
+        if key in said and said.get(f"{key}Unit", REFERENCE_FRAME) != REFERENCE_FRAME
+    }
+
+
+def _ome_said(path: Path, metadata: str | None, place: str) -> Mapping[str, str]:
+    """Attributes of the first element at a place in OME metadata."""
+    from xml.etree import ElementTree
+
+    if metadata is None:
+        return {}
+    root = guarded(path, lambda: ElementTree.fromstring(metadata))
+    found = root.find(place)
+    return {} if found is None else found.attrib
 
 
 def _unit(name: str, unit: str) -> float:
