@@ -50,8 +50,14 @@ class Source:
     image: str = ""
     spacing: str = ""
 
-    def read(self, store: Store) -> Scene:
+    def read(self, store: Store, volumes: str = "surface") -> Scene:
         """Scene as it is there, before anything is changed.
+
+        Parameters
+        ----------
+        store : Store
+        volumes : target volumes of cells of a label image, see `import_labels`: to look at the
+            scene "ball" is there at once, to run it "surface" is right
 
         Raises
         ------
@@ -61,7 +67,7 @@ class Source:
         _validate.choice("source", self.kind, KINDS)
         if self.kind == "built-in":
             return built_in_scene(self.scene)
-        scene = self._of_masks(store) if self.kind == "matlab" else self._of_labels(store)
+        scene = self._of_masks(store) if self.kind == "matlab" else self._of_labels(store, volumes)
         return replace(scene, duration=IMPORTED_DURATION, save_every=IMPORTED_SAVE_EVERY)
 
     def _of_masks(self, store: Store) -> Scene:
@@ -74,14 +80,14 @@ class Source:
             spacing=float(_spacing(self.spacing or "0.5", 1)[0]),
         )
 
-    def _of_labels(self, store: Store) -> Scene:
+    def _of_labels(self, store: Store, volumes: str) -> Scene:
         from morphosim.importers.labels.scene import import_labels
 
         image = store.path(_chosen("label image (.tif)", self.image))
         spacing = _spacing(self.spacing, 1, 3) if self.spacing.strip() else None
         if spacing is not None and len(spacing) == 1:
             spacing = np.repeat(spacing, 3)
-        scene = import_labels(image, spacing=spacing, confinement="image")
+        scene = import_labels(image, spacing=spacing, confinement="image", volumes=volumes)
         if not self.table:
             return scene
         return _with_table(scene, read_table(store.path(self.table)), self.table)

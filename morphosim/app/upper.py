@@ -84,7 +84,7 @@ class Upper:
             state.reading, state.form_error = True, ""
         found, words = None, ""
         try:
-            found = facts(await asyncio.to_thread(source.read, self._store))
+            found = facts(await asyncio.to_thread(source.read, self._store, "ball"))
         except Exception as error:
             words = words_of(error)
         if self._reading is not source:

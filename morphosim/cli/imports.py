@@ -59,7 +59,10 @@ def import_labels(
         bool, typer.Option("--shell/--open", help="a wall around all cells, or open space")
     ] = False,
     volumes: Annotated[
-        str, typer.Option(help="target volumes keep the surfaces in place, or count the voxels")
+        str,
+        typer.Option(
+            help="cells keep their size: surface; a free ball's formula: ball; the voxels': voxels"
+        ),
     ] = "surface",
     sigma: Annotated[float, typer.Option(help="attraction between all cells")] = 0.0,
     least_voxels: Annotated[int | None, typer.Option(help="refuse smaller labels")] = None,

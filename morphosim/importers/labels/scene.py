@@ -16,13 +16,18 @@ from morphosim.importers.labels.cell_table import read_cells
 from morphosim.importers.labels.image_file import read_labels
 from morphosim.importers.labels.label_image import LabelImage, Piece, SegmentationWarning, pieces_of
 from morphosim.importers.labels.resampling import resampled, walls_around
+from morphosim.importers.labels.target_volumes import (
+    ball_integral,
+    ball_target,
+    settled_targets,
+)
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell
 from morphosim.scene.scene import Scene
 from morphosim.scene.stability import stabilised
 
-VOLUMES = ("surface", "voxels")
+VOLUMES = ("surface", "ball", "voxels")
 LEAST_SMOOTHING = 2.0
 """Default smoothing of a mask is this many µm, and at least two of the image's coarsest steps.
 
@@ -79,11 +84,12 @@ def import_labels(
     physics, numerics : optional
         See `Scene`. The walls of confinement = "image" are stepped: the default S is then what
         they need (14 with the default physics).
-    volumes : {"surface", "voxels"}
-        Target volume, where the table has none: the ∫ φ of a ball whose φ = 1/2 surface encloses
-        the label's voxels, which is more than these by π² / (2 c R²), 3 % at R = 9 µm and 15 % at
-        4 µm; or the voxels' volume, as the published program has it, with which cells come out
-        smaller than they were measured. Cells start from the same volume.
+    volumes : {"surface", "ball", "voxels"}
+        Target volume, where the table has none. "surface": that with which the surface φ = 1/2
+        encloses the volume of the label's voxels once the cell has settled among its neighbours
+        and walls; all cells are run for 40 to 200 units of time to find it. "ball": that of a free
+        ball, by a formula (see `importers.labels.target_volumes`). "voxels": the voxels' volume,
+        as the published program has it, with which cells come out smaller than they were measured.
     smoothing : float, optional
         See `Mask`; by default 2 µm, and at least two of the image's coarsest steps.
     least_voxels : int, optional
@@ -128,7 +134,15 @@ def import_labels(
         confinement=_confinement(confinement, picture, physics, lattice),
         name=_name(image) if name is None else name,
     )
-    return stabilised(scene) if numerics is None else scene
+    scene = stabilised(scene) if numerics is None else scene
+    if volumes != "surface" or not physics.constraint.present:
+        return scene
+    enclosed = {
+        said["name"]: piece.count * picture.voxel
+        for piece, said in zip(pieces, about, strict=True)
+        if "volume" not in said
+    }
+    return settled_targets(scene, enclosed)
 
 
 def _cells(
@@ -142,12 +156,14 @@ def _cells(
 ) -> Iterator[Cell]:
     """One cell per piece, with its target volume."""
     step = 0.5 * max(numerics.spacing, float(image.steps.min()))
-    c = physics.c if volumes == "surface" else None
     for piece, said in zip(pieces, about, strict=True):
-        volume = _volume(piece, image, c)
-        mask, origin = resampled(piece, image, step, volume)
+        start = target = piece.count * image.voxel
+        if volumes != "voxels":
+            gamma = said.get("gamma") or physics.gamma
+            start, target = ball_integral(start, physics.c), ball_target(start, gamma, physics)
+        mask, origin = resampled(piece, image, step, start)
         shape = Mask(mask=mask, origin=origin, spacing=step, smoothing=smoothing)
-        yield Cell(shape=shape, **({"volume": volume} | said))
+        yield Cell(shape=shape, **({"volume": target} | said))
 
 
 def _picture(image: LabelImage | str | Path, spacing: ArrayLike | None) -> LabelImage:
@@ -173,15 +189,6 @@ def _least_voxels(given: int | None, image: LabelImage, spacing: float) -> int:
 def _smoothing(image: LabelImage) -> float:
     """Default smoothing of masks, µm."""
     return max(LEAST_SMOOTHING, 2 * float(image.steps.max()))
-
-
-def _volume(piece: Piece, image: LabelImage, c: float | None) -> float:
-    """Volume of the voxels, µm³; with `c`, ∫ φ of a ball whose surface φ = 1/2 encloses it."""
-    volume = piece.count * image.voxel
-    if c is None:
-        return volume
-    squared_radius = (3 * volume / (4 * math.pi)) ** (2 / 3)
-    return float(volume * (1 + math.pi**2 / (2 * c * squared_radius)))
 
 
 def _known(names: Mapping[int, str] | str | Path | None) -> Mapping[int, dict[str, Any]]:
