@@ -10,7 +10,7 @@ long that φ swings far below zero, the certificate does not bound the differenc
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open
 from morphosim.engine.box_pool import SLACK
 from morphosim.engine.engine import SHRINK_INTERVAL, Engine
 from morphosim.geometry.confinement import FunctionWalls
+from morphosim.kernels.boxes import BAD, EDGE, FACE
 from morphosim.physics.attraction import Attraction
 
 from .helpers import (
@@ -388,6 +389,74 @@ def test_lost_volume_is_what_laying_boxes_anew_took(
     monkeypatch.setattr(engine.pool, "refit", watched)
     advance(engine, stress.steps, targets(stress))
     np.testing.assert_allclose(engine.lost_volume, np.sum(taken, axis=0), rtol=1e-6)
+
+
+def on_faces(phi: NDArray) -> float:
+    """Largest |φ| on the faces of a box."""
+    size = np.abs(phi)
+    size[1:-1, 1:-1, 1:-1] = 0
+    return float(size.max())
+
+
+@pytest.mark.parametrize("solver", ["dct", "band"])
+def test_face_peak_is_the_largest_value_so_far(
+    solver: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the faces of boxes or, where the band alone is solved, on its edge, before boxes move."""
+    stress = STRESSES["thrown"]
+    engine = start(replace(stress, numerics=stress.numerics | {"solver": solver}), TOLERANCES[0])
+    refit, faces, edges = engine._refit, [on_faces(engine.pool.box(0))], list(engine.face_peak)
+
+    def watched() -> None:
+        faces.append(on_faces(engine.pool.box(0)))
+        edges.append(engine.pool.surveys[0, EDGE])
+        refit()
+
+    monkeypatch.setattr(engine, "_refit", watched)
+    advance(engine, 40, targets(stress))
+    assert engine.face_peak[0] == max(edges) > max(edges[0], edges[-1])
+    if solver == "dct":
+        np.testing.assert_allclose(edges, faces, rtol=1e-12)
+    else:
+        assert max(edges) > max(faces)
+
+
+def test_daughters_are_born_with_what_is_on_their_faces() -> None:
+    cell = Cell(name="m", shape=Sphere(center=(0, 0, 0), radius=4))
+    simulation = Simulation(Scene(cells=[cell], numerics=Numerics(threads=1, precision="double")))
+    simulation.step(2)
+    simulation.divide("m", ("a", "b"), axis=(1, 0, 0))
+    expected = [on_faces(field.phi) for field in simulation.fields]
+    assert min(expected) > 0
+    np.testing.assert_allclose(simulation.face_peak, expected, rtol=1e-12)
+
+
+def one_box(solver: str = "dct") -> Engine:
+    """A ball at rest whose box says that it has reached a face."""
+    engine = make_engine([sphere((0, 0, 0), 3.0)], solver=solver)
+    engine.pool.surveys[0, FACE] = 1.0
+    return engine
+
+
+def test_a_moved_box_counts_all_that_it_loses() -> None:
+    """What lies beyond it, and what is too faint for the band that is found in it anew."""
+    engine = one_box("band")
+    pool = engine.pool
+    assert pool.lost[0] == 0
+    pool.box(0)[:] += np.where(pool.box(0) == 0, 1e-4, 0)
+    before = pool.box(0).sum()
+    assert pool.refit(np.array([0])).tolist() == [0]
+    kept = pool.box(0).sum()
+    assert before - kept > 0.01
+    np.testing.assert_allclose(pool.lost[0], before - kept, rtol=1e-12)
+
+
+def test_a_cell_that_diverged_keeps_its_box() -> None:
+    pool = one_box().pool
+    pool.surveys[0, BAD] = 1
+    assert pool.refit(np.array([0])).size == 0
+    pool.surveys[0, BAD] = 0
+    assert pool.refit(np.array([0])).tolist() == [0]
 
 
 # --- output --------------------------------------------------------------------------------------

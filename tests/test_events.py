@@ -19,6 +19,7 @@ from morphosim import (
     Simulation,
     Sphere,
 )
+from morphosim.measure.contacts import contact_areas
 
 
 def ball(name: str, x: float = 0.0, radius: float = 5.0, **options: Any) -> Cell:
@@ -153,6 +154,25 @@ def test_differentiation_by_contact() -> None:
     assert [c.type for c in simulation.cells] == ["blue", "green", "red"]
     Differentiation(of="blue", touching="green", into="red", area=1e3).apply(simulation)
     assert [c.type for c in simulation.cells] == ["blue", "green", "red"]
+
+
+def test_contacts_with_several_neighbours_add_up() -> None:
+    simulation = start(
+        ball("g1", -9.5, type="green"),
+        ball("r", type="red"),
+        ball("g2", 9.5, type="green"),
+        sigma=0.5,
+    )
+    simulation.step(5)
+    one, other = contact_areas(simulation.fields, simulation.spacing).values()
+    least = one + 0.5 * other
+    assert least > max(one, other)
+    Differentiation(of="red", touching="green", into="blue", area=1.01 * (one + other)).apply(
+        simulation
+    )
+    assert simulation.types == ["green", "red", "green"]
+    Differentiation(of="red", touching="green", into="blue", area=least).apply(simulation)
+    assert simulation.types == ["green", "blue", "green"]
 
 
 def test_changes_act_as_if_the_scene_had_been_so() -> None:

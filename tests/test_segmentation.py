@@ -111,6 +111,18 @@ def test_ome_tiff(tmp_path: Path) -> None:
     assert_same(read_labels(path, time_index=1), labels=TIMES[1])
 
 
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("nm", 1e-9), ("µm", 1e-6), ("micron", 1e-6), ("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)],
+)
+def test_units_of_length(tmp_path: Path, unit: str, metres: float) -> None:
+    sizes = {}
+    for axis in "XYZ":
+        sizes |= {f"PhysicalSize{axis}": 0.5e-6 / metres, f"PhysicalSize{axis}Unit": unit}
+    path = write_ome(tmp_path / "a.ome.tif", LABELS.T, "ZYX", **sizes)
+    assert_same(read_labels(path), 0.5)
+
+
 def test_ome_tiff_that_does_not_say_all(tmp_path: Path) -> None:
     path = write_ome(tmp_path / "a.ome.tif", LABELS.T, "ZYX", PhysicalSizeX=0.2, PhysicalSizeY=0.2)
     with pytest.raises(ValueError, match=r"size of its voxels along z; give spacing"):

@@ -116,6 +116,24 @@ def test_a_quasi_steady_stage_ends_with_the_state_of_the_minimum(
         assert np.isfinite(run["rms_speed"].values[1:]).all()
 
 
+@pytest.mark.parametrize(
+    ("speeds", "reached"),
+    [
+        ([3, 2, 4], True),
+        ([5, 3, 2, 2], True),  # no slower than at the next check
+        ([5, 3, 3, 2], False),
+        ([2, 2, 2], False),
+        ([2, 2, 3], False),  # it was as slow before
+        ([3, 2], False),
+        ([], False),
+    ],
+)
+def test_the_first_local_minimum_of_the_speed(speeds: list[float], reached: bool) -> None:
+    """Ties: it begins with the first of equal speeds."""
+    simulation = Simulation(scene())
+    assert QuasiSteady().reached(speeds, 10.0 * len(speeds), simulation) is reached
+
+
 class Rename:
     """Give a cell another type at a time."""
 

@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 
 from morphosim.kernels.boxes import (
     BAD,
+    BAND,
+    CORE,
     EDGE,
     FACE,
     N_SURVEYED,
@@ -72,6 +74,14 @@ def test_survey_sums_and_counts(way: str) -> None:
 
 
 @both_ways
+def test_what_is_a_limit_itself_is_not_beyond_it(way: str) -> None:
+    field = np.zeros((3, 4, 5))
+    field[1, 1, 1:4] = TOLERANCE, 0.5, -RUNAWAY
+    out, _ = surveyed(way, field)
+    assert [out[BAND], out[CORE], out[BAD]] == [2, 0, 0]
+
+
+@both_ways
 def test_survey_of_a_band_takes_the_rest_as_zero(way: str) -> None:
     rows = np.array([[6, 0], [1, 3], [2, 6], [0, 6], [3, 4]])
     field = np.random.default_rng(2).normal(0, 0.5, (5, 6, 7)) * within(rows, 6)[..., None]
@@ -91,6 +101,22 @@ def test_survey_sees_the_edge_of_the_rows(row: tuple, edge: bool, way: str) -> N
     out, _ = surveyed(way, field, rows)
     assert out[EDGE] == (0.3 if edge else 0)
     assert out[FACE] == 0
+
+
+@both_ways
+@pytest.mark.parametrize("beside", [1, 3])
+@pytest.mark.parametrize(("narrow", "y"), [((3, 5), 2), ((2, 4), 4)])
+def test_rows_are_an_edge_where_the_plane_beside_ends(
+    narrow: tuple, y: int, beside: int, way: str
+) -> None:
+    """Whether its band begins later or ends earlier, and on either side."""
+    rows = np.array([[7, 0], [1, 6], [1, 6], [1, 6], [7, 0]])
+    rows[beside] = narrow
+    field = np.zeros((5, 7, 7))
+    field[2, y, 4] = -0.3
+    assert surveyed(way, field, rows)[0][EDGE] == 0.3
+    rows[beside] = 1, 6
+    assert surveyed(way, field, rows)[0][EDGE] == 0
 
 
 @both_ways

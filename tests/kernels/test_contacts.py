@@ -5,11 +5,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from morphosim.kernels.contacts import REACH, Neighbours, contacts
+from morphosim.kernels.contacts import Neighbours, contacts
 from morphosim.kernels.moments import Fields
 
 from .example_boxes import both_ways, box, taken
 from .example_fields import (
+    FAINT,
     LEVEL,
     LOW_LEVEL,
     SHAPES,
@@ -35,9 +36,9 @@ def looked_up(fields: Fields, j: int, points: NDArray) -> NDArray[np.float64]:
 
 
 def covered(piece: Piece, fields: Fields, j: int) -> float:
-    """Area of a piece that lies in cell j."""
+    """Area of a piece that lies in cell j, in or next to a cube that reaches into its extent."""
     low, high = fields.origin[j] + fields.extent[j].T
-    if not ((piece.corner >= low - REACH) & (piece.corner < high + REACH - 1)).all():
+    if not ((piece.corner >= low - 2) & (piece.corner <= high)).all():
         return 0.0
     at = piece.corner + piece.centre
     ends = np.array([[at, at] for _ in range(3)])
@@ -52,10 +53,8 @@ def covered(piece: Piece, fields: Fields, j: int) -> float:
     return piece.area * np.clip((value - NEIGHBOUR_LEVEL) / rise + 0.5, 0, 1)
 
 
-@both_ways
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_contact_areas(way: str, dtype: type) -> None:
-    fields = with_extents(random_fields(6, dtype), LOW_LEVEL)
+def check_areas(way: str, fields: Fields) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Areas of the pairs, and of what any neighbour covers, which are those of plain geometry."""
     found, touched = np.full(len(PAIRS), 1e30), np.full(len(SHAPES), 1e30)
     work = make_work(fields, threads=3)
     taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, touched)
@@ -68,9 +67,26 @@ def test_contact_areas(way: str, dtype: type) -> None:
         for i in range(len(SHAPES))
     ]
     np.testing.assert_allclose(touched, union, rtol=1e-9, atol=1e-12)
-    assert min(expected[0], expected[3]) > 10
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+    return found, touched
+
+
+@both_ways
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_contact_areas(way: str, dtype: type) -> None:
+    found, _ = check_areas(way, with_extents(random_fields(6, dtype), LOW_LEVEL))
+    assert min(found[0], found[3]) > 10
     assert (found[[1, 2, 4, 5, 6]] == 0).all(), "contact with a cell far away or faint"
+
+
+@both_ways
+def test_where_two_neighbours_lie_on_one_piece_the_larger_contact_counts(way: str) -> None:
+    fields = random_fields(6)
+    between = box(fields.phi, fields, FAINT)
+    between[:] = np.random.default_rng(8).uniform(0, 1, between.shape)
+    found, touched = check_areas(way, with_extents(fields, LOW_LEVEL))
+    apart = found[PAIRS.index((0, 1))], found[PAIRS.index((0, FAINT))]
+    assert max(apart) + 5 < touched[0] < sum(apart) - 5
 
 
 @both_ways

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from morphosim.kernels.forces import right_hand_side
 from morphosim.kernels.frames import HALO
 from morphosim.kernels.layout import CellTerms, Scheme
+from morphosim.kernels.points import point_force, records
 from morphosim.kernels.stencils import COEFFICIENTS
 
 from .example_boxes import (
@@ -17,6 +18,7 @@ from .example_boxes import (
     both_ways,
     box,
     empty_frame,
+    flat_laplacian,
     grid,
     in_band,
     in_runs,
@@ -136,6 +138,36 @@ def test_right_hand_side(name: str, whole: bool, way: str) -> None:
             assert np.isnan(found[beside]).all()
             assert np.isfinite(found[~beside]).all()
     np.testing.assert_array_equal(phi, loaded(boxes, CELL, pool, whole))
+
+
+@point_force
+def of_all(values, phi, gx, gy, gz, laplacian):  # type: ignore[no-untyped-def]
+    return values[0] * phi + 2 * gx + 3 * gy + 5 * gz + values[1] * laplacian
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_a_force_at_points_gets_the_field_its_gradient_and_its_laplacian(order: int) -> None:
+    boxes, pool = make_boxes(seed=6)
+    phi, rhs = loaded(boxes, CELL, pool), empty_frame(boxes, CELL)
+    values = np.random.default_rng(8).random((len(boxes.start), 2))
+    terms = make_terms(len(boxes.start), drift=False)
+    terms = terms._replace(points=records([(of_all, values)], np.dtype(float)))
+    taken(right_hand_side, "python")(
+        CELL, boxes, False, terms, None, phi, None, rhs, None, None, make_stencil(order),
+        Scheme(*map(np.float64, (1, 0, 1, 0, 0, 0, 0))), np.float64(0.5), None,
+    )  # fmt: skip
+    runs = in_runs(boxes, CELL)
+    wide = grid(phi, boxes, CELL)
+    plain = expected_force(wide, terms, order, {"repulsion": None, "psi": None})
+    slope = gradient(wide, order)
+    laplacian = grid(flat_laplacian(phi, boxes, CELL, order), boxes, CELL)
+    expected = empty_frame(boxes, CELL)
+    grid(expected, boxes, CELL)[:] = (
+        plain + values[CELL, 0] * wide + 2 * slope[0] + 3 * slope[1] + 5 * slope[2]
+        + values[CELL, 1] * laplacian
+    )  # fmt: skip
+    assert np.isfinite(rhs[runs]).all()
+    np.testing.assert_allclose(rhs[runs], expected[runs], rtol=1e-11, atol=1e-11)
 
 
 def test_without_history_the_start_is_the_field() -> None:

@@ -56,6 +56,7 @@ def test_a_frame_holds_the_box_and_its_halo(way: str) -> None:
         last = taken(frame_index, way)(nx + HALO - 1, ny + HALO - 1, nz + HALO - 1, sx, sy)
         assert first == LEAD - HALO
         assert last < taken(frame_size, way)(i, boxes)
+        assert sy % LEAD == 0, "rows do not begin where vectors do"
 
 
 @both_ways

@@ -5,12 +5,15 @@ import pkgutil
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 from numba.core.registry import CPUDispatcher
 
 from morphosim import kernels
 from morphosim.kernels._jit import FAST_MATH
+
+from .conftest import NEED_COMPILATION
 
 NOT_KERNELS = {
     "frames.frame_shapes", "frames.frame_sizes", "points.point_force", "points.records",
@@ -60,6 +63,13 @@ def test_kernel_options(kernel: object) -> None:
 def test_fast_math_keeps_nan_and_infinity() -> None:
     assert isinstance(FAST_MATH, frozenset)
     assert not FAST_MATH & {"fast", "nnan", "ninf"}
+
+
+def test_tests_that_need_compilation_are_there() -> None:
+    """One that is renamed would run in plain Python, for a minute."""
+    texts = [path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py")]
+    for name in NEED_COMPILATION:
+        assert any(f"def {name}(" in text for text in texts), name
 
 
 def test_import_compiles_nothing() -> None:

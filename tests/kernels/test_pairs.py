@@ -13,14 +13,14 @@ from .example_boxes import GAP, both_ways, grid, make_boxes, seen_from, taken, w
 ROWS = [(0, 1, 0.5), (0, 2, -0.2), (1, 0, 0.3), (2, 0, 0.9), (2, 1, 0.7), (3, 0, 0.4)]
 
 
-def make_pairs(boxes: Boxes) -> tuple[Pairs, NDArray[np.float64]]:
-    """The pairs, and a pool of frames with nothing sensible in it."""
+def make_pairs(boxes: Boxes, gap: int = GAP) -> tuple[Pairs, NDArray[np.float64]]:
+    """The pairs, and a pool of frames, so far apart, with nothing sensible in it."""
     n = len(boxes.start)
     pulled = np.array([i for i, _, _ in ROWS])
-    frame_start, end = np.full(n, -1), GAP
+    frame_start, end = np.full(n, -1), gap
     for i in np.unique(pulled):
         frame_start[i] = end
-        end += frame_size(i, boxes) + GAP
+        end += frame_size(i, boxes) + gap
     pairs = Pairs(
         start=np.searchsorted(pulled, np.arange(n + 1)).astype(np.int64),
         cell=np.array([j for _, j, _ in ROWS]),
@@ -57,6 +57,19 @@ def test_pairs_add_the_weighted_fields_of_their_cells(way: str) -> None:
         )
         frame(between, pairs, boxes, i)[:] = False
     assert (target[between] == 1e30).all()
+
+
+@both_ways
+def test_cells_that_pull_on_the_same_points_add_up(way: str) -> None:
+    """In a pool without gaps, whose first frame begins at 0."""
+    origins = ((0, 0, 0), (1, 2, 1), (2, -1, 3), (90, 0, 0), (99, 0, 0))
+    boxes, phi = make_boxes(9, origins, ((8, 8, 8),) * 5)
+    pairs, target = make_pairs(boxes, gap=0)
+    taken(accumulate_pairs, way)(np.array([0, 1]), np.array([0]), pairs, phi, boxes, target)
+    one, other = seen_from(boxes, phi, 1, 0), seen_from(boxes, phi, 2, 0)
+    assert ((one > 0) & (other > 0)).any()
+    found = with_halo(frame(target, pairs, boxes, 0), boxes, 0)
+    np.testing.assert_allclose(found, 0.5 * one - 0.2 * other, rtol=1e-13, atol=1e-15)
 
 
 @both_ways

@@ -143,6 +143,24 @@ def test_messages_bring_the_rows_of_the_band(way: str) -> None:
     np.testing.assert_array_equal(goal.box(1), expected)
 
 
+def test_a_message_may_be_of_a_part_of_the_box_that_takes_it() -> None:
+    source, goal = pool_of(), pool_of()
+    goal.box(1)[:] = 0
+    low, high = np.array([[1, 3, 4]]), np.array([[6, 14, 11]])
+    rows, values = np.zeros((5, 2), np.int32), np.zeros(5 * 11 * 7)
+    cells = np.array([1])
+    pack(cells, low, high, source.phi, source.boxes, rows, values)
+    unpack(cells, low, high, goal.phi, goal.boxes, rows, values)
+    first = source.plane_start[1]
+    sent, got = (pool.band[first + 1 : first + 6] for pool in (source, goal))
+    np.testing.assert_array_equal(got, np.clip(sent, 3, 14))
+    part = (slice(1, 6), slice(3, 14), slice(4, 11))
+    inside = (np.arange(3, 14) >= got[:, :1]) & (np.arange(3, 14) < got[:, 1:])
+    expected = np.zeros_like(source.box(1))
+    expected[part] = source.box(1)[part] * inside[:, :, None]
+    np.testing.assert_array_equal(goal.box(1), expected)
+
+
 def test_arrange_keeps_fields_and_empties_new_boxes() -> None:
     pool = pool_of()
     field, origin, shape = pool.box(1).copy(), pool.origin[1].copy(), pool.shape[1].copy()

@@ -147,6 +147,10 @@ class Pools(RuleBasedStateMachine):
             assert banded[(np.abs(self.pool.box(i)) > TOLERANCE).any(axis=2)].all()
 
     @invariant()
+    def sizes_are_few(self) -> None:
+        assert (self.pool.shape % 2 == 0).all()
+
+    @invariant()
     def stretches_do_not_overlap(self) -> None:
         pool = self.pool
         assert not stretches_overlap(pool.start, pool.sizes(), len(pool.phi))
