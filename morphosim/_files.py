@@ -3,9 +3,10 @@
 import csv
 import io
 import os
+import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -78,27 +79,119 @@ def toml_table(path: Path, what: str) -> dict[str, Any]:
 
 PARTIAL = ".partial"
 """Ending of a file that is being written."""
+NETCDF = "NetCDF: "
+"""So begin errors of the netCDF library."""
+
+
+class WriteError(OSError):
+    """A file cannot be written; the text names it and says why."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Path of a file to write; when this ends, it stands at `path`, all at once and on disk.
 
-    Killed within, the file at `path` is what it was before; so it is if writing fails.
+    Killed within, the file at `path` is what it was before; so it is if writing fails. A link
+    stays, and the file that it leads to is replaced; a device or a pipe is written to as it is.
+
+    Raises
+    ------
+    WriteError
+        The file cannot be written.
     """
-    partial = path.with_name(path.name + PARTIAL)
+    if path.exists() and not path.is_file():
+        with _naming(path, path):
+            yield path
+        return
+    target = path.resolve()
+    partial = target.with_name(target.name + PARTIAL)
     try:
-        yield partial
-        _sync(partial, os.O_RDWR)
-        partial.replace(path)
+        with _naming(path, partial):
+            yield partial
+            _sync(partial)
+            partial.replace(target)
+            _sync(target.parent)
     except BaseException:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
         raise
-    if hasattr(os, "O_DIRECTORY"):  # where the system can, the folder's list of names too
-        _sync(path.parent, os.O_RDONLY | os.O_DIRECTORY)
 
 
-def _sync(path: Path, flags: int) -> None:
+@contextmanager
+def filling(directory: Path) -> Iterator[Path]:
+    """Folder for files that appear in an empty directory when this ends, all of them and on disk.
+
+    If writing fails the directory is empty, or is not there, as it was before.
+
+    Raises
+    ------
+    WriteError
+        A file, or the directory, cannot be written.
+    """
+    made = not directory.exists()
+    partial = directory / PARTIAL
+    try:
+        with _naming(directory, partial):
+            partial.mkdir(parents=True)
+            yield partial
+            for path in partial.rglob("*"):
+                _sync(path)
+            for path in partial.iterdir():
+                path.replace(directory / path.name)
+            partial.rmdir()
+            _sync(directory)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        if made:
+            with suppress(OSError):
+                directory.rmdir()
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, as `replacing` does."""
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def _naming(path: Path, partial: Path) -> Iterator[None]:
+    """Name `path` in what is raised by writing to `partial`, or to files in it."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if not _by_writing(error, partial):
+            raise
+        message = f"{path} cannot be written: {_reason(error, path)}"
+        raise WriteError(message) from error
+
+
+def _by_writing(error: OSError | RuntimeError, partial: Path) -> bool:
+    """Whether writing has raised this: errors of reading have the name of another file."""
+    if isinstance(error, OSError):
+        known = error.filename is None or str(error.filename).startswith(str(partial))
+        return known and not isinstance(error, WriteError)
+    return str(error).startswith(NETCDF)
+
+
+def _reason(error: OSError | RuntimeError, path: Path) -> str:
+    """Why a file cannot be written, in one line."""
+    if isinstance(error, OSError) and error.strerror and (error.errno or 0) > 0:
+        return error.strerror
+    text = " ".join(str(getattr(error, "strerror", None) or error).split())
+    if not path.parent.is_dir():
+        return text
+    # HDF5, netCDF and the coders of images do not say what the system has told them
+    return f"{text} ({shutil.disk_usage(path.parent).free / 1e6:.1f} MB are free there)"
+
+
+def _sync(path: Path) -> None:
+    """Have a file, or a folder's list of names, on disk."""
+    flags = os.O_RDWR
+    if path.is_dir():
+        if not hasattr(os, "O_DIRECTORY"):  # the system cannot
+            return
+        flags = os.O_RDONLY | os.O_DIRECTORY
     descriptor = os.open(path, flags)
     try:
         os.fsync(descriptor)

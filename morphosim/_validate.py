@@ -43,13 +43,14 @@ def parsed_number(name: str, entry: Any, **bounds: float) -> float:
     return number(name, value, **bounds)
 
 
-def integer(name: str, value: Any, *, least: int) -> int:
-    """Return `value` as an int not below `least`, or raise."""
+def integer(name: str, value: Any, *, least: int, most: int | None = None) -> int:
+    """Return `value` as an int within the bounds, or raise ValueError or TypeError."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         message = f"{name} = {value!r} is not a whole number"
         raise TypeError(message)
-    if value < least:
-        message = f"{name} = {value} is not allowed: it must be >= {least}"
+    if value < least or (most is not None and value > most):
+        bounds = f">= {least}" + (f" and <= {most}" if most is not None else "")
+        message = f"{name} = {value} is not allowed: it must be {bounds}"
         raise ValueError(message)
     return int(value)
 

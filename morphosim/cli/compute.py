@@ -248,6 +248,7 @@ def bench(
     threads: Annotated[int, typer.Option(help="number of threads to compare with one; 0: all")] = 0,
 ) -> None:
     """Time this machine: steps of 100 cells and of the embryo, memory, bandwidth."""
+    from morphosim._files import write_text
     from morphosim.bench import measure, text
     from morphosim.progress import progress_line
 
@@ -257,5 +258,5 @@ def bench(
         result = measure(seconds, threads, tell)
     typer.echo(text(result))
     if json_file is not None:
-        json_file.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        write_text(json_file, json.dumps(result, indent=1) + "\n")
         typer.echo(f"written to {json_file}")

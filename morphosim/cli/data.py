@@ -116,6 +116,7 @@ def quality_control(
     ] = None,
 ) -> None:
     """Judge a run of celegans-1-to-8 by criteria A to H of Supplementary Note 1."""
+    from morphosim._files import write_text
     from morphosim.accessor import open_run
     from morphosim.library.celegans.quality_control import quality_control as judge
     from morphosim.library.celegans.quality_report import report_text, to_json
@@ -123,5 +124,5 @@ def quality_control(
     with open_run(directory) as data:
         criteria = judge(data)
     if json_file is not None:
-        json_file.write_text(to_json(criteria) + "\n", encoding="utf-8")
+        write_text(json_file, to_json(criteria) + "\n")
     typer.echo(report_text(criteria))

@@ -53,7 +53,7 @@ def film(
     by: By = "cell",
     view: Annotated[str, typer.Option(help="x, y, z, -x, -y, -z or corner")] = "z",
     turn: Annotated[float, typer.Option(help="degrees by which the camera goes around")] = 0.0,
-    fps: Annotated[float, typer.Option(help="frames per second")] = 12.0,
+    fps: Annotated[float, typer.Option(help="frames per second, 0.01 to 1000")] = 12.0,
     names: Annotated[bool, typer.Option(help="write the names on the cells")] = False,
     shell: Shell = True,
     mirror: Mirror = False,

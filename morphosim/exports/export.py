@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from morphosim import _validate
 from morphosim._extras import need
+from morphosim._files import filling
 from morphosim.exports.formats import FORMATS
 from morphosim.progress import Tell, silent
 
@@ -27,7 +28,7 @@ def export(
     ----------
     run : Dataset of `open_run`
     directory : path
-        Made if it does not exist; must be empty.
+        Made if it does not exist; must be empty. The files appear in it when all are written.
     to : {"vtk", "stl", "ome-tiff", "csv"}
         Surfaces of cells and label images for ParaView, which needs PyVista; surfaces as binary
         STL; label images as one OME-TIFF series; tables.
@@ -48,6 +49,8 @@ def export(
         The directory is not empty.
     ImportError
         The format takes a package that is not installed.
+    WriteError
+        The files cannot be written; there are none then.
     """
     _validate.choice("to", to, FORMATS)
     form, directory = FORMATS[to], Path(directory)
@@ -55,10 +58,10 @@ def export(
     saves = _saves(run, times, form.last_only)
     if form.needs:
         need(form.needs, f"export to {to!r}", form.extra)
-    directory.mkdir(parents=True, exist_ok=True)
     write = import_module(f"morphosim.exports.{form.module}").write
-    paths: list[Path] = write(run, directory, saves, tell or silent)
-    return paths
+    with filling(directory) as folder:
+        paths: list[Path] = write(run, folder, saves, tell or silent)
+    return [directory / path.relative_to(folder) for path in paths]
 
 
 def _check_empty(directory: Path) -> None:

@@ -86,7 +86,7 @@ def _write_cells(run: xr.Dataset, folder: Path, save: int, types: Sequence[str])
         values |= {name: row[k] for name, row in rows.items()}
         files[field.name] = blocks / f"{k}.vtp"
         mesh = _mesh(field, spacing(run), values, {"name": [field.name], "type": [kind]})
-        mesh.save(files[field.name])
+        _save(mesh, files[field.name], "vtkXMLPolyDataWriter")
     listing = folder / f"{save:04d}.vtm"
     _write_blocks(listing, {name: files.get(name) for name in places})
     return [*files.values(), listing]
@@ -120,8 +120,17 @@ def _write_labels(run: xr.Dataset, folder: Path, save: int) -> Path:
     _add_texts(image, {"name": [str(name) for name in run["cell"].values]})
     folder.mkdir(exist_ok=True)
     path = folder / f"{save:04d}.vti"
-    image.save(path)
+    _save(image, path, "vtkXMLImageDataWriter")
     return path
+
+
+def _save(data: Any, path: Path, kind: str) -> None:
+    """Write a file of VTK's by way of memory: on a full disk its writers crash the process."""
+    writer = getattr(import_module("vtkmodules.vtkIOXML"), kind)()
+    writer.SetInputDataObject(data)
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    path.write_text(writer.GetOutputString(), encoding="utf-8")
 
 
 def _add_texts(data: Any, texts: Mapping[str, Sequence[str]]) -> None:

@@ -1,6 +1,7 @@
 """Tables of a run as CSV: `cells.csv`, `contacts.csv` and `times.csv`."""
 
 from collections.abc import Hashable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +22,20 @@ def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) ->
     A row of `cells` is a cell that is there at a time, with all that the run has per time and cell
     and its mother; of `contacts` a pair of cells that touch; of `times` a save.
     """
-    contacts(run, saves[0])  # says what the run lacks before there is any file
-    paths = [directory / f"{name}.csv" for name in TABLES]
-    for done, save in enumerate(saves, 1):
-        tables = (_cells(run, save), _contacts(run, save), _times(run, save))
-        for path, columns in zip(paths, tables, strict=True):
-            _append(path, columns)
-        tell(done, len(saves))
-    return paths
-
-
-def _append(path: Path, columns: dict[str, Any]) -> None:
-    """Add rows to a table, which gets its header with the first."""
     import pandas as pd
 
-    pd.DataFrame(columns).to_csv(path, mode="a", header=not path.exists(), index=False)
+    contacts(run, saves[0])  # says what the run lacks before there is any file
+    paths = [directory / f"{name}.csv" for name in TABLES]
+    with ExitStack() as stack:
+        files = [
+            stack.enter_context(path.open("w", encoding="utf-8", newline="")) for path in paths
+        ]
+        for done, save in enumerate(saves, 1):
+            tables = (_cells(run, save), _contacts(run, save), _times(run, save))
+            for file, columns in zip(files, tables, strict=True):
+                pd.DataFrame(columns).to_csv(file, header=done == 1, index=False)
+            tell(done, len(saves))
+    return paths
 
 
 def _cells(run: xr.Dataset, save: int) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Cameras: from where cells are seen, in parallel projection so that a scale bar holds."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,8 @@ THREE = ("z", "x", "y")
 """The views "three": from the front, from the right and from above, as in technical drawings."""
 RING = 64
 """Points of a circle."""
+MOST_PIXELS, MOST_AREA = 8192, 1 << 25
+"""Along a side, and in all: a picture is made of four times as many, which take memory."""
 MARGIN = 0.04
 """Free rim, as a share of the picture's shorter side."""
 
@@ -57,6 +60,18 @@ class Camera:
         return np.stack([column, self.size[1] / 2 - offsets @ self.up], axis=-1)
 
 
+def checked_pixels(size: Iterable[Any], least: int) -> tuple[int, int]:
+    """Width and height of a picture; ValueError beyond what can be drawn."""
+    sides = [_validate.integer("size", side, least=least, most=MOST_PIXELS) for side in size]
+    if len(sides) != 2 or sides[0] * sides[1] > MOST_AREA:
+        message = (
+            f"size = {'x'.join(map(str, sides))} pixels is not allowed: give a width and a height, "
+            f"and of both at most {MOST_AREA // 10**6} million pixels"
+        )
+        raise ValueError(message)
+    return sides[0], sides[1]
+
+
 def directions(view: View) -> tuple[Floats, Floats]:
     """Unit vectors (3,) to the right and up in a view.
 
@@ -72,11 +87,11 @@ def directions(view: View) -> tuple[Floats, Floats]:
         toward = np.array(VIEWS[view], np.float64)
     else:
         toward = _validate.vector("view", view)
-    length = np.linalg.norm(toward)
-    if length == 0:
+    if not toward.any():
         message = f"view = {view!r} is no direction; give one, or one of {', '.join(VIEWS)}"
         raise ValueError(message)
-    toward = toward / length
+    toward = toward / np.abs(toward).max()  # whose square is a number
+    toward = toward / np.linalg.norm(toward)
     along_y = np.abs(toward[1]) > 1 - 1e-9
     up = np.array([0.0, 0.0, -toward[1]]) if along_y else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, toward)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from morphosim import _validate
 from morphosim._extras import need
 from morphosim._files import replacing, writable
-from morphosim.pictures.camera import View, directions, swept, turned
+from morphosim.pictures.camera import View, checked_pixels, directions, swept, turned
 from morphosim.pictures.plot import draw_sight
 from morphosim.pictures.sight import (
     Sight,
@@ -35,6 +35,8 @@ FORMATS = (".mp4", ".gif")
 DPI = 100
 TITLE = 0.42
 """Inches for the time and stage."""
+SLOWEST, FASTEST = 0.01, 1000.0
+"""Frames per second: a GIF's last at most 655 s, and coders never end where there are too many."""
 QUALITY = 8
 """Of the video, of 10."""
 GIF_LEAST = 2
@@ -86,11 +88,13 @@ def film(
         One frame for each: the save nearest to it; by default all saves. To go around one save,
         give its time as often as there are to be frames.
     fps : float
-        Frames per second; those of a GIF last a whole number of 1/100 s, at least two.
+        Frames per second, from 0.01 to 1000; those of a GIF last a whole number of 1/100 s, at
+        least two.
     bounds : (2, 3) µm, optional
         Corners of the box to have in view; by default the shell or box, or else all cells.
     size : (int, int)
-        Width and height in pixels; odd numbers are lowered by one.
+        Width and height in pixels, from 64 to 8192, and together at most 33 million; odd numbers
+        are lowered by one.
     tell : callable, optional
         Told after each frame how many are done, and of how many.
 
@@ -107,7 +111,7 @@ def film(
     need("matplotlib", "a film", "pictures")
     if target.suffix.lower() == ".mp4":
         need("imageio_ffmpeg", "a film", "pictures")
-    fps = _validate.number("fps", fps, above=0)
+    fps = _validate.number("fps", fps, least=SLOWEST, most=FASTEST)
     turn = _validate.number("turn", turn)
     if turn:
         turned(view, turn)
@@ -117,7 +121,7 @@ def film(
     saves = _saves(run, times)
     around = surroundings(run, mirror) if shell else Surroundings()
     points = _points(run, bounds, around, mirror)
-    width, height = (_validate.integer("size", n, least=64) // 2 * 2 for n in size)
+    width, height = (pixels // 2 * 2 for pixels in checked_pixels(size, least=64))
     shooting = _Shooting(
         (width, height), view, turn, swept(points) if turn else points, names, mirror
     )
@@ -200,7 +204,8 @@ def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps:
     sent = 0
     writer = ffmpeg.write_frames(
         str(path), size, fps=fps, codec="libx264", pix_fmt_out="yuv420p", quality=QUALITY,
-        macro_block_size=2, output_params=["-f", "mp4", "-movflags", "+faststart"],
+        macro_block_size=2, ffmpeg_log_level="quiet",
+        output_params=["-f", "mp4", "-movflags", "+faststart"],
     )  # fmt: skip
     with closing(writer):
         writer.send(None)
@@ -210,10 +215,10 @@ def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps:
     try:
         written = ffmpeg.count_frames_and_secs(str(path))[0]
     except RuntimeError as error:
-        message = f"ffmpeg did not finish the film, and says: {error}"
+        message = "ffmpeg did not finish it"
         raise OSError(message) from error
     if written != sent:  # of which the writer says nothing
-        message = f"ffmpeg wrote {written} of {sent} frames; is the disk full?"
+        message = f"ffmpeg wrote {written} of {sent} frames"
         raise OSError(message)
 
 

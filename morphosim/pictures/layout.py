@@ -20,6 +20,9 @@ SPARE = 1.04
 MATRIX = 0.5
 """Side of the contact matrix with its texts, of the largest extent of a view."""
 
+LEAST, MOST = 2, 48
+"""Sides that a figure may have, inches."""
+
 Place = tuple[float, float, float, float]
 """Left, bottom, width and height, inches."""
 
@@ -125,4 +128,5 @@ def _checked_size(size: tuple[float, float] | None) -> tuple[float, float] | Non
     if size is None:
         return None
     wide, high = _validate.array("size", size, (2,)).tolist()
-    return _validate.number("size", wide, least=2), _validate.number("size", high, least=2)
+    width, height = (_validate.number("size", n, least=LEAST, most=MOST) for n in (wide, high))
+    return width, height

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim._extras import need
-from morphosim.pictures.camera import Camera
+from morphosim.pictures.camera import Camera, checked_pixels
 from morphosim.pictures.meshes import CellMesh
 from morphosim.pictures.needs import need_drawing
 from morphosim.pictures.palettes import RGB
@@ -115,7 +115,8 @@ class Painter(AbstractContextManager["Painter"]):
             )
 
     def paint(self, camera: Camera) -> Panel:
-        """Draw what is loaded."""
+        """Draw what is loaded; ValueError for more pixels than can be drawn."""
+        checked_pixels(camera.size, least=1)
         self._look(camera)
         image = self._shot(self._cells, self._shell, self._edges)[..., :3]
         seen = self._seen()

@@ -5,6 +5,7 @@
 """
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from morphosim import _validate
 from morphosim._extras import need
 from morphosim._files import replacing, writable
-from morphosim.pictures.camera import THREE, VIEWS, View, camera, directions
+from morphosim.pictures.camera import THREE, VIEWS, View, camera, checked_pixels, directions
 from morphosim.pictures.layout import Layout, layout
 from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
 from morphosim.runs.saved_fields import time_index
@@ -74,7 +75,7 @@ def plot(
         mirror image. With `mirror` the picture is the anatomy: the view along z shows it from
         its left, with small z in front.
     size : (float, float), optional
-        Width and height in inches; by default what the views need.
+        Width and height in inches, from 2 to 48; by default what the views need.
     path : path, optional
         Picture to write: PNG, JPEG, TIFF or WebP, or PDF or SVG around pixels.
 
@@ -103,8 +104,10 @@ def plot(
     contacts = contact_matrix(run, time_index(run, time)) if matrix else None
     figure = _composed(seen, chosen, names, mirror, size, contacts)
     if target is not None:
+        picture = BytesIO()  # its writers do not close a file on a full disk, or hide the error
+        figure.savefig(picture, format=target.suffix[1:].lower())
         with replacing(target) as partial:
-            figure.savefig(partial, format=target.suffix[1:].lower())
+            partial.write_bytes(picture.getbuffer())
     return figure
 
 
@@ -219,19 +222,19 @@ def render(
     Parameters
     ----------
     size : (int, int)
-        Width and height in pixels.
+        Width and height in pixels, from 8 to 8192, and together at most 33 million.
 
     For the other parameters and errors see `draw` and `plot`.
     """
     from morphosim.pictures.painter import Painter
 
-    width, height = (_validate.integer("size", pixels, least=8) for pixels in size)
+    pixels = checked_pixels(size, least=8)
     box = None if bounds is None else checked_bounds(bounds, mirror)
     around = surroundings(run, mirror) if shell else Surroundings()
     seen = sight(run, time, by, colours, mirror, around)
     with Painter() as painter:
         seen.load(painter)
-        where = camera(view, seen.points if box is None else box, (width, height))
+        where = camera(view, seen.points if box is None else box, pixels)
         return painter.paint(where).image
 
 

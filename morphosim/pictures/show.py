@@ -12,7 +12,8 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
-from morphosim._files import replacing, writable
+from morphosim._files import writable, write_text
+from morphosim.pictures.camera import MOST_PIXELS
 from morphosim.pictures.palettes import DIVERGING, hexed, many_colours
 from morphosim.pictures.viewerdata import run_data
 from morphosim.progress import Tell
@@ -63,9 +64,9 @@ def show(
     run : Dataset of `open_run`
     times, triangles : see `run_data`
         By default few, for the notebook; None for all times may be more than it takes.
-    height : int, pixels
+    height : int, pixels, from 200 to 8192
     """
-    height = _validate.integer("height", height, least=200)
+    height = _validate.integer("height", height, least=200, most=MOST_PIXELS)
     return Page(viewer_page(run_data(run, times, triangles, NOTEBOOK_TRIANGLES)), height)
 
 
@@ -89,9 +90,7 @@ def save_page(
     path
     """
     path = writable(path, (".html", ".htm"))
-    page = viewer_page(run_data(run, times, triangles, tell=tell))
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    write_text(path, viewer_page(run_data(run, times, triangles, tell=tell)))
     return path
 
 

@@ -2,7 +2,6 @@
 
 import json
 import platform
-import shutil
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -31,24 +30,16 @@ def write_save(path: Path, state: MeasuredState, fields: str, labels: bool) -> N
 
     Raises
     ------
-    OSError
-        The file cannot be written.
+    OSError, RuntimeError
+        The file cannot be written; see `_files.replacing`.
     VariableError
         A variable cannot be measured.
     """
     import netCDF4
 
     table = state.table
-    try:
-        with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
-            _write(file, state, table, fields, labels)
-    except (RuntimeError, OSError) as error:  # they do not say what the system told HDF5
-        free = shutil.disk_usage(path.parent).free
-        what = getattr(error, "strerror", None) or error
-        message = (
-            f"the netCDF library reports {str(what)!r}, and {free / 1e6:.1f} MB are free there"
-        )
-        raise OSError(message) from error
+    with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
+        _write(file, state, table, fields, labels)
 
 
 def _write(file: Any, state: MeasuredState, table: Values, fields: str, labels: bool) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim._files import replacing, toml_table
+from morphosim._files import toml_table, write_text
 from morphosim.geometry.confinement import CONFINEMENTS
 from morphosim.geometry.shapes import SHAPES, Point, PowerCell
 from morphosim.scene.arrays import set_apart, write_arrays
@@ -207,8 +207,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
     table = _stored(scene_table(scene), f"{path.stem}.npz", arrays)
     if arrays:
         write_arrays(path.with_suffix(".npz"), arrays)
-    with replacing(path) as partial:
-        partial.write_text(tomli_w.dumps(table), encoding="utf-8")
+    write_text(path, tomli_w.dumps(table))
 
 
 def _stored(table: dict[str, Any], archive: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphosim._files import PARTIAL, replacing
+from morphosim._files import PARTIAL, replacing, write_text
 from morphosim.errors import SaveError
 from morphosim.runs.directory import RunDirectory
 
@@ -106,8 +106,7 @@ class Store:
             raise FileExistsError(message)
         for source in sorted(staged.path.iterdir()):
             shutil.copyfile(source, self.path / source.name)
-        with replacing(self.plan) as partial:
-            partial.write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
+        write_text(self.plan, json.dumps(description, indent=1) + "\n")
 
     def _check_same(self, had: Mapping[str, Any], has: Mapping[str, Any]) -> None:
         """Raise ValueError naming what differs from the scan of this directory."""

@@ -115,6 +115,11 @@ def test_a_film_that_ffmpeg_cannot_finish_leaves_the_one_before(
     [
         ("film.avi", {}, "extension of .*film.avi = '.avi' is not known"),
         ("film.mp4", {"fps": 0}, "fps = 0 is not allowed"),
+        ("film.mp4", {"fps": 1e9}, "fps = 1000000000.0 is not allowed: .* >= 0.01 and <= 1000"),
+        ("film.gif", {"fps": 1e-9}, "fps = 1e-09 is not allowed"),
+        ("film.mp4", {"size": (10**9, 64)}, "size = 1000000000 is not allowed: .* >= 64 and <= 8"),
+        ("film.gif", {"size": (8192, 8192)}, "size = 8192x8192 pixels is not allowed"),
+        ("film.gif", {"size": (64,)}, "give a width and a height"),
         ("film.mp4", {"times": []}, "times is empty"),
         ("film.mp4", {"size": (10, 100)}, "size = 10 is not allowed"),
         ("film.mp4", {"view": "above"}, "view = 'above' is not known"),
@@ -128,6 +133,15 @@ def test_errors_leave_no_file(
     with pytest.raises(ValueError, match=message):
         film(run, tmp_path / name, **options)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("fps", [0.01, 1000])
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_the_slowest_and_the_fastest_film_end(
+    run: xr.Dataset, name: str, fps: float, tmp_path: Path
+) -> None:
+    film(run, tmp_path / name, times=[0, 20], fps=fps, size=(64, 64))
+    assert (tmp_path / name).stat().st_size > 0
 
 
 def test_a_missing_folder_is_named(run: xr.Dataset, tmp_path: Path) -> None:

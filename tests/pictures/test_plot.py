@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from morphosim import BoxWalls, EllipsoidShell
 from morphosim.accessor import MorphoAccessor
 from morphosim.pictures import needs, sight
-from morphosim.pictures.camera import MARGIN, View, camera, swept, turned
+from morphosim.pictures.camera import MARGIN, View, camera, directions, swept, turned
 from morphosim.pictures.film import film
-from morphosim.pictures.plot import plot, render
+from morphosim.pictures.plot import draw, plot, render
 from morphosim.pictures.show import show
 
 from .made import BOX, GREEN, HIGH, LOW, PAIR, RED, Ball, all_touch, crowd, made_run
@@ -275,6 +275,24 @@ def test_one_time_of_a_run_is_refused(pair: xr.Dataset, tmp_path: Path) -> None:
 def test_bounds_that_are_none_are_refused(pair: xr.Dataset) -> None:
     with pytest.raises(ValueError, match="the second corner must exceed the first"):
         render(pair, bounds=((0, 0, 0), (1, 0, 1)))
+
+
+def test_sizes_that_cannot_be_drawn_are_refused(pair: xr.Dataset) -> None:
+    with pytest.raises(ValueError, match="size = 1000000 is not allowed: it must be >= 8 and <= 8"):
+        render(pair, size=(10**6, 64))
+    with pytest.raises(ValueError, match=r"size = 49\.0 is not allowed: .* >= 2 and <= 48"):
+        plot(pair, size=(49, 5))
+    with pytest.raises(ValueError, match="height = 100000 is not allowed"):
+        show(pair, 1, height=100_000)
+    ax = Figure(figsize=(90, 90), dpi=100).add_axes((0, 0, 1, 1))
+    with pytest.raises(ValueError, match="size = 9000 is not allowed"):
+        draw(ax, pair)
+
+
+@pytest.mark.parametrize("factor", [1e-300, 1e300])
+def test_a_direction_may_have_any_length(factor: float) -> None:
+    expected = directions((1, 2, 3))
+    np.testing.assert_allclose(directions(np.array([1, 2, 3]) * factor), expected)
 
 
 @pytest.mark.parametrize("package", ["pyvista", "matplotlib"])
