@@ -284,6 +284,8 @@ def test_sizes_that_cannot_be_drawn_are_refused(pair: xr.Dataset) -> None:
         plot(pair, size=(49, 5))
     with pytest.raises(ValueError, match="height = 100000 is not allowed"):
         show(pair, 1, height=100_000)
+    from matplotlib.figure import Figure
+
     ax = Figure(figsize=(90, 90), dpi=100).add_axes((0, 0, 1, 1))
     with pytest.raises(ValueError, match="size = 9000 is not allowed"):
         draw(ax, pair)
