@@ -1,7 +1,6 @@
 """Files: clear errors for what is missing or damaged, and files that appear whole or not at all."""
 
-import csv
-import io
+import codecs
 import os
 import shutil
 import tomllib
@@ -13,6 +12,11 @@ from typing import Any, TypeVar
 from morphosim import _validate
 
 T = TypeVar("T")
+OTHER_ENCODINGS = {
+    codecs.BOM_UTF32_LE: "UTF-32", codecs.BOM_UTF32_BE: "UTF-32", codecs.BOM_UTF16_LE: "UTF-16",
+    codecs.BOM_UTF16_BE: "UTF-16",
+}  # fmt: skip
+"""Encodings by byte-order mark; that of UTF-16 begins as one of UTF-32 does."""
 
 
 def check_file(path: Path, suffixes: Iterable[str]) -> None:
@@ -38,18 +42,42 @@ def guarded(path: Path, read: Callable[[], T]) -> T:
     """Call `read`; what its parser raises on a damaged file becomes a ValueError."""
     try:
         return read()
-    except (ImportError, MemoryError):
+    except ImportError:
         raise
+    except MemoryError as error:
+        message = f"{path} asks for more memory than there is; it is too large, or damaged"
+        raise ValueError(message) from error
     except Exception as error:  # the parsers' errors have no common base
         message = f"{path} cannot be read as a {path.suffix.lower()} file; it may be damaged: "
         raise ValueError(f"{message}{type(error).__name__}: {error}") from error
 
 
-def csv_rows(path: Path) -> list[list[str]]:
-    """Rows of a CSV file; commas, semicolons or tabs, whichever the first line has most of."""
-    text = path.read_text(encoding="utf-8-sig")
-    first = text.partition("\n")[0]
-    return list(csv.reader(io.StringIO(text), delimiter=max(",;\t", key=first.count)))
+def read_text(path: Path) -> str:
+    r"""Text of a file in UTF-8, with or without a byte-order mark; lines end in "\\n".
+
+    Raises
+    ------
+    ValueError
+        It is in another encoding, which the message names where it can be told, or no text.
+    """
+    data = path.read_bytes()
+    for mark, encoding in OTHER_ENCODINGS.items():
+        if data.startswith(mark):
+            message = f"{path} is text in {encoding}; expected UTF-8. Save it as UTF-8"
+            raise ValueError(f"{message} (in Excel: CSV UTF-8)")
+    if b"\0" in data:
+        message = f"{path} holds a NUL byte at {data.index(0)}: it is text in UTF-16, or no text; "
+        raise ValueError(message + "expected text in UTF-8")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        byte = data[error.start : error.start + 1]
+        raise ValueError(
+            f"{path}, line {data.count(10, 0, error.start) + 1} is not text in UTF-8: byte "
+            f"0x{byte.hex()}, which is {byte.decode('cp1252', 'replace')!r} in the Windows code "
+            "page cp1252. Save the file as UTF-8 (in Excel: CSV UTF-8)"
+        ) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def listed(names: Sequence[str]) -> str:
@@ -71,7 +99,7 @@ def toml_table(path: Path, what: str) -> dict[str, Any]:
         message = f"{what} {path} does not exist"
         raise FileNotFoundError(message)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         message = f"{path} is not a TOML file: {error}"
         raise ValueError(message) from error

@@ -287,12 +287,13 @@ def changed(row: int, text: str) -> list[str]:
         (changed(8, "b2,base,big,,,,"), "row 8: volume_um3 = 'big' is not a number"),
         (changed(8, "b1,base,300,,,,"), "row 8: name 'b1' occurs twice"),
         (changed(8, ",base,300,,,,"), "row 8: name is missing"),
-        (changed(8, "b2,base,300,,,,,,"), "row 8 has 9 entries; expected at most 7"),
+        (changed(8, "b2,base,300,,,,,,1"), "row 8 has 9 entries; expected 7, as the first row"),
         (changed(2, "egg,,,0,0,1,0"), "row 2: volume_um3 of cell 'egg' is missing"),
         (changed(3, "top,egg,9,1,0,0,"), "row 3: division_min of cell 'top' is missing"),
         (changed(4, "base,egg,9,1,0,0,0"), "row 4: division_min = 0.0.*of its parent 'egg', 0"),
+        (changed(8, "b2,base,300"), "row 8 has 3 entries; expected 7, .*the table is cut short"),
         (list(SEVEN), "row 3: fraction of cell 'top' is missing; expected a number between"),
-        ([], "holds no cells"),
+        ([], "has headings .* and no rows"),
     ],
 )
 def test_bad_rows_are_named(tmp_path: Path, rows: list[str], message: str) -> None:

@@ -333,8 +333,7 @@ def test_error_values_of_xls_are_not_numbers(tmp_path: Path, masks: Path) -> Non
 
 def test_numbers_with_a_decimal_comma(tmp_path: Path, masks: Path) -> None:
     path = write_csv(tmp_path / "t.csv", changed(1, 2, "0,5"), delimiter=";")
-    with pytest.raises(ValueError, match="'0,5' is not a number"):
-        import_matlab(masks, path)
+    assert import_matlab(masks, path).physics.attraction.matrix(NAMES)[0, 1] == 0.5
 
 
 def with_nan() -> list[np.ndarray]:
@@ -460,7 +459,8 @@ def test_files_of_another_kind(tmp_path: Path, masks: Path, table: Path, name: s
     path = tmp_path / name
     path.write_bytes(b"\xff\xd8\xff\xe0 a picture")
     start, names = (path, table) if path.suffix == ".mat" else (masks, path)
-    with pytest.raises(ValueError, match=rf"{name} cannot be read as a {path.suffix} file"):
+    text = "line 1 is not text in UTF-8" if path.suffix == ".csv" else "cannot be read as a"
+    with pytest.raises(ValueError, match=rf"{name},? {text}"):
         import_matlab(start, names)
 
 

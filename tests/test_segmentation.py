@@ -401,8 +401,10 @@ def test_table(tmp_path: Path) -> None:
     ("text", "error"),
     [
         ("label,size\n3,1\n", "column of .* = 'size' is not known"),
-        ("name\nE\n", "row 2: label = ''; expected a whole number"),
-        ("label,name\nE,3\n", "label = 'E'; expected a whole number"),
+        ("name\nE\n", "has no column 'label'; has 'name'"),
+        ("label,name\n,E\n", "row 2: label is missing; expected a whole number above 0"),
+        ("label,name\nE,3\n", "row 2: label = 'E' is not a number"),
+        ("label,name\n0,E\n", "row 2: label = 0 is not allowed: it must be >= 1"),
         ("label,name\n3,A\n3,B\n", "row 3: label 3 occurs twice"),
         ("label,name\n3,A\n4,A\n", "'A' occurs twice"),
         ("label,volume\n3,big\n", "row 2: volume = 'big' is not a number"),

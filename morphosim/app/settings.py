@@ -12,7 +12,7 @@ from morphosim import _validate
 from morphosim.app.store import Store
 from morphosim.geometry.phase_field import lattice_field
 from morphosim.geometry.shapes import Field, PowerCell
-from morphosim.importers.matlab.name_table import NameTable, read_table
+from morphosim.importers.matlab.name_table import NameTable, read_name_table
 from morphosim.library.built_in import built_in_scene
 from morphosim.numerics.parameters import PRESETS, Numerics
 from morphosim.physics.attraction import Attraction
@@ -90,7 +90,7 @@ class Source:
         scene = import_labels(image, spacing=spacing, confinement="image", volumes=volumes)
         if not self.table:
             return scene
-        return _with_table(scene, read_table(store.path(self.table)), self.table)
+        return _with_table(scene, read_name_table(store.path(self.table)), self.table)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -51,7 +51,7 @@ def import_labels(
     time_index: Annotated[int | None, typer.Option(help="which time, from 0")] = None,
     table: Annotated[
         Path | None,
-        typer.Option(help=".csv: label, name, type, parent, volume, gamma, frozen"),
+        typer.Option(help=".csv, .xls or .xlsx: label, name, type, parent, volume, gamma, frozen"),
     ] = None,
     frozen: Annotated[str, typer.Option(help="cells that do not move: A,B")] = "",
     active: Annotated[str, typer.Option(help="the only cells that move: A,B")] = "",
@@ -97,7 +97,10 @@ def import_labels(
 @app.command("import-lineage")
 def import_lineage(
     table: Annotated[
-        Path, typer.Argument(help=".csv: name, parent, volume_um3, axis_x, axis_y, axis_z, group")
+        Path,
+        typer.Argument(
+            help=".csv, .xls or .xlsx: name, parent, volume_um3, axis_x, axis_y, axis_z, group"
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
     shell: Annotated[

@@ -1,12 +1,13 @@
 """Rows of a lineage table: reading them, and checking that they make trees."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 from morphosim import _validate
-from morphosim._files import check_file, csv_rows, guarded, listed
+from morphosim._files import listed
+from morphosim._tables import Converter, number, positive, read_table, text, whole
 
 ALIASES = {"cell": "name", "volume": "volume_um3"}
 
@@ -61,15 +62,15 @@ class Rows:
 
 
 def read_rows(path: Path) -> Rows:
-    """Rows of a .csv file whose cells form trees: every parent known, two daughters or none."""
-    check_file(path, (".csv",))
-    columns, numbered = guarded(path, lambda: _table(path))
-    _check_columns(path, columns)
+    """Rows of a table whose cells form trees: every parent known, two daughters or none."""
+    table = read_table(path, COLUMNS, ("name", "parent"), ALIASES)
     entries: dict[str, dict[str, Any]] = {}
     where: dict[str, str] = {}
-    for number, row in numbered.items():
-        here = f"{path}, row {number}"
-        name, said = _entries(here, columns, row)
+    for here, said in table.rows:
+        if "name" not in said:
+            message = f"{here}: name is missing; expected the name of a cell"
+            raise ValueError(message)
+        name = said["name"]
         if name in entries:
             message = f"{here}: name {name!r} occurs twice; each must be unique"
             raise ValueError(message)
@@ -78,43 +79,9 @@ def read_rows(path: Path) -> Rows:
     _check_parents(parents, where)
     daughters = _daughters(entries, parents, where)
     return Rows(
-        path=path, columns=tuple(columns), entries=entries, where=where, parents=parents,
+        path=path, columns=table.columns, entries=entries, where=where, parents=parents,
         daughters=daughters,
     )  # fmt: skip
-
-
-def _table(path: Path) -> tuple[list[str], dict[int, list[str]]]:
-    """Headings, and rows that are not empty by number; commas, semicolons or tabs between."""
-    table = iter(csv_rows(path))
-    head = [heading.strip().lower() for heading in next(table, [])]
-    rows = {n: [entry.strip() for entry in row] for n, row in enumerate(table, start=2)}
-    return [ALIASES.get(h, h) for h in head], {n: row for n, row in rows.items() if any(row)}
-
-
-def _check_columns(path: Path, columns: list[str]) -> None:
-    for column in columns:
-        _validate.choice(f"column of {path}", column, (*COLUMNS, *ALIASES))
-    _validate.unique(f"{path}: column", columns)
-    missing = [column for column in ("name", "parent") if column not in columns]
-    if missing:
-        message = f"{path} has no column {listed(missing)}; has {listed(columns)}"
-        raise ValueError(message)
-
-
-def _entries(here: str, columns: list[str], row: list[str]) -> tuple[str, dict[str, Any]]:
-    """Name of a row's cell, and its entries as values."""
-    if len(row) > len(columns):
-        message = f"{here} has {len(row)} entries; expected at most {len(columns)}, as the header"
-        raise ValueError(message)
-    said = {
-        column: COLUMNS[column](f"{here}: {column}", entry)
-        for column, entry in zip(columns, row, strict=False)
-        if entry
-    }
-    if "name" not in said:
-        message = f"{here}: name is missing; expected the name of a cell"
-        raise ValueError(message)
-    return said["name"], said
 
 
 def _check_parents(parents: Mapping[str, str | None], where: Mapping[str, str]) -> None:
@@ -159,37 +126,20 @@ def _daughters(
     return {name: (two[0], two[1]) for name, two in found.items() if two}
 
 
-def _text(name: str, entry: str) -> str:
-    return entry
-
-
-def _positive(name: str, entry: str) -> float:
-    return _validate.parsed_number(name, entry, above=0)
-
-
 def _fraction(name: str, entry: str) -> float:
-    value = _validate.parsed_number(name, entry, above=0)
+    value = positive(name, entry)
     if value >= 1:
         message = f"{name} = {value!r} is not allowed: it must be above 0 and below 1"
         raise ValueError(message)
     return value
 
 
-def _count(least: int) -> Callable[[str, str], int]:
-    def convert(name: str, entry: str) -> int:
-        value = _validate.parsed_number(name, entry)
-        return _validate.integer(name, int(value) if value.is_integer() else value, least=least)
-
-    return convert
-
-
-COLUMNS: Mapping[str, Callable[[str, str], Any]] = {
-    **dict.fromkeys(("name", "parent", "founder", "daughter1", "daughter2"), _text),
+COLUMNS: Mapping[str, Converter] = {
+    **dict.fromkeys(("name", "parent", "founder", "daughter1", "daughter2"), text),
     **dict.fromkeys(
-        [f"{kind}axis_{axis}" for kind in ("", "measured_") for axis in "xyz"],
-        _validate.parsed_number,
+        [f"{kind}axis_{axis}" for kind in ("", "measured_") for axis in "xyz"], number
     ),
-    "generation": _count(0), "group": _count(1), "volume_um3": _positive, "fraction": _fraction,
-    "measured_n": _count(0), "measured_r": _positive, "division_min": _validate.parsed_number,
+    "generation": whole(0), "group": whole(1), "volume_um3": positive, "fraction": _fraction,
+    "measured_n": whole(0), "measured_r": positive, "division_min": number,
 }  # fmt: skip
 """What turns an entry into a value, by column."""

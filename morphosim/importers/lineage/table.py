@@ -1,4 +1,4 @@
-"""Lineages from tables (.csv)."""
+"""Lineages from tables (.csv, .xls, .xlsx)."""
 
 from collections.abc import Iterable, Mapping
 from importlib.resources import as_file, files
@@ -20,8 +20,8 @@ def read_lineage(path: Path | str | None = None) -> Lineage:
     Parameters
     ----------
     path
-        A .csv file, or None for the built-in lineage of *C. elegans* from 1 to 102 cells. Columns,
-        in any order, empty where nothing is known:
+        A .csv, .xls or .xlsx file, or None for the built-in lineage of *C. elegans* from 1 to 102
+        cells. Columns, in any order, empty where nothing is known:
 
         - `name` and `parent` (empty: the lineage starts with this cell),
         - `volume_um3` (or `volume`), µm³: needed for cells that the lineage starts with,
@@ -46,9 +46,6 @@ def read_lineage(path: Path | str | None = None) -> Lineage:
         with as_file(files("morphosim.importers.lineage") / "celegans.csv") as built_in:
             return read_lineage(built_in)
     rows = read_rows(Path(path))
-    if not rows.parents:
-        message = f"{path} holds no cells; expected a row for each"
-        raise ValueError(message)
     founders = _founders(rows)
     groups = division_groups(rows, founders)
     return Lineage(cells=_cells(rows, founders, groups), division_groups=groups)

@@ -17,7 +17,7 @@ from morphosim.geometry.confinement import Confinement, MaskWalls
 from morphosim.geometry.eggshell import EGGSHELL
 from morphosim.geometry.shapes import Field, Mask
 from morphosim.importers.matlab.mat_file import read_mat
-from morphosim.importers.matlab.name_table import NameTable, read_table
+from morphosim.importers.matlab.name_table import NameTable, read_name_table
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.attraction import Attraction
 from morphosim.physics.parameters import Physics
@@ -98,7 +98,7 @@ def import_matlab(
     >>> scene = import_matlab(Path("Example_8Cell.mat"), Path("Table.xls"))  # doctest: +SKIP
     """
     _validate.number("spacing", spacing, above=0)
-    masks, known = Path(masks), read_table(Path(table))
+    masks, known = Path(masks), read_name_table(Path(table))
     images = _read_images(masks, known.names)
     names = list(images.arrays)
     volumes = _target_volumes(known, names, masks_for_volume, spacing)
