@@ -38,6 +38,13 @@ def writable(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
     return path
 
 
+def check_free(path: Path, overwrite: bool = False) -> None:
+    """Raise FileExistsError if there is something at a path to write, unless `overwrite`."""
+    if not overwrite and (path.exists() or path.is_symlink()):
+        message = f"{path} exists; give another name, or replace it by --overwrite (overwrite=True)"
+        raise FileExistsError(message)
+
+
 def guarded(path: Path, read: Callable[[], T]) -> T:
     """Call `read`; what its parser raises on a damaged file becomes a ValueError."""
     try:

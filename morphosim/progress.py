@@ -1,7 +1,11 @@
-"""Progress of long work, drawn on standard error."""
+"""Progress of long work, on standard error: a bar on a terminal, else a line now and then."""
 
+import sys
+import time
+import unicodedata
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -10,32 +14,114 @@ Tell = Callable[[int, int], None]
 """Told how much of something is done, and of how much."""
 TellWhat = Callable[[str, int, int], None]
 """Told what is done, how much of it is done, and of how much."""
+FIRST, LONGEST = 10.0, 600.0
+"""Seconds before the first line, and most between two."""
 
 
 def silent(*told: object) -> None:
     """Tell nobody; a `Tell` and a `TellWhat`."""
 
 
+def tell_line(text: str) -> None:
+    """Write a line to standard error; where that is closed or full, work goes on without it."""
+    with suppress(OSError, ValueError):  # ValueError: it has been closed
+        if sys.stderr is not None:
+            print(printable(text), file=sys.stderr, flush=True)
+
+
+def printable(text: str) -> str:
+    """Text without characters that do things to a terminal; lines and tabs stay."""
+    return "".join(
+        c if c in "\n\t" or unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}"
+        for c in text
+    )
+
+
+def duration_text(seconds: float) -> str:
+    """Duration in words, to two digits or so."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+class Pace:
+    """When the next line is due: `FIRST` seconds from now, then after twice as long each time."""
+
+    def __init__(self) -> None:
+        self._wait = FIRST
+        self._next = time.monotonic() + FIRST
+
+    def due(self) -> bool:
+        """Whether to tell now."""
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._wait = min(2 * self._wait, LONGEST)
+        self._next = now + self._wait
+        return True
+
+
+class Bar:
+    """Bar of one thing at a time, where standard error is a terminal or a notebook.
+
+    Parameters
+    ----------
+    columns : texts between the bar and the time left; fields of a task in braces
+    """
+
+    def __init__(self, *columns: str) -> None:
+        console = Console(stderr=True)
+        self.shown = console.is_terminal or console.is_jupyter
+        texts = [TextColumn(column, markup=False) for column in columns]
+        self._progress = Progress(
+            TextColumn("{task.description}", markup=False), BarColumn(), *texts,
+            TimeRemainingColumn(), console=console, transient=True,
+        )  # fmt: skip
+        self._task: TaskID | None = None
+
+    def begin(self, what: str, total: float, completed: float = 0.0, **fields: Any) -> None:
+        """Draw another thing."""
+        if self._task is None:
+            self._progress.start()
+        else:
+            self._progress.update(self._task, visible=False)
+        self._task = self._progress.add_task(
+            printable(what), total=total, completed=int(completed), **fields
+        )
+
+    def update(self, **values: Any) -> None:
+        """Set `completed`, `total`, or a field."""
+        assert self._task is not None
+        self._progress.update(self._task, **values)
+
+    def end(self) -> None:
+        """Remove the bar."""
+        if self._task is not None:
+            with suppress(OSError):  # the terminal may be gone
+                self._progress.stop()
+
+
 @contextmanager
 def progress_line() -> Iterator[TellWhat]:
-    """Bar that appears when it is first told something, and is removed at the end."""
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True,
-    )  # fmt: skip
-    tasks: dict[str, TaskID] = {}
+    """What draws progress when it is first told something, and tidies up at the end."""
+    bar, pace = Bar("{task.completed:.0f} of {task.total:.0f}"), Pace()
+    now = ""
+    start = first = 0.0
 
     def tell(what: str, done: int, of: int) -> None:
-        if what not in tasks:
-            bar.start()
-            for task in tasks.values():
-                bar.update(task, visible=False)
-            tasks[what] = bar.add_task(what, total=of)
-        bar.update(tasks[what], completed=done, total=of)
+        nonlocal now, start, first
+        if what != now:
+            now, start, first = what, time.monotonic(), done
+            if bar.shown:
+                bar.begin(what, of)
+        if bar.shown:
+            bar.update(completed=done, total=of)
+        elif pace.due():
+            spent = time.monotonic() - start
+            left = f", {duration_text(spent / (done - first) * (of - done))} left" * (done > first)
+            tell_line(f"{what}: {done} of {of}{left}")
 
     try:
         yield tell
     finally:
-        if tasks:
-            bar.stop()
+        bar.end()

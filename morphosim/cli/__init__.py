@@ -4,20 +4,21 @@ import signal
 import sys
 import warnings
 
-import typer
-
 from morphosim.cli import compute, data, imports, pictures, serve, sweep  # noqa: F401  (each adds its commands)
-from morphosim.cli.app import INPUT_ERROR, app
-from morphosim.errors import SimulationError
+from morphosim.cli.app import INPUT_ERROR, INPUT_ERRORS, app
+from morphosim.progress import printable, tell_line
 
 
 def main() -> None:
     """Entry point; warnings and errors of input are one line, without a traceback."""
     # A batch system that ends a job stops it as Ctrl-C does: the state is saved.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {printable(str(message))}\n"
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a console that lacks a letter is no error
+            stream.reconfigure(errors="replace")
     try:
-        app()
-    except (ValueError, TypeError, OSError, ImportError, SimulationError) as error:
-        typer.echo(f"error: {error}", err=True)
+        app(prog_name="morphosim")
+    except INPUT_ERRORS as error:
+        tell_line(f"error: {error}")
         sys.exit(INPUT_ERROR)

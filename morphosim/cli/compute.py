@@ -2,13 +2,25 @@
 
 import json
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from morphosim.cli.app import INTERRUPTED, RUN_ERROR, app
+from morphosim._files import check_free, writable, write_text
+from morphosim.cli.app import (
+    INTERRUPTED,
+    RUN_ERROR,
+    Overwrite,
+    command,
+    note,
+    progress,
+    remark,
+    say,
+    voice,
+)
+from morphosim.progress import silent, tell_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,16 +30,49 @@ if TYPE_CHECKING:
     from morphosim.simulation.simulation import Simulation
 
 
-@app.command()
-def scenes() -> None:
-    """List the built-in scenes."""
-    from morphosim.library.built_in import built_in_scene, scene_names
+@dataclass(frozen=True, slots=True)
+class How:
+    """How a simulation is run: over ranks, in place of a run that is there, or only told."""
 
-    for name in scene_names():
-        typer.echo(f"{name:24} {built_in_scene(name).description}")
+    mpi: bool
+    overwrite: bool = False
+    dry: bool = False
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        if self.mpi and self.dry:
+            message = "--dry-run goes without --mpi: it tells what all ranks together would do"
+            raise ValueError(message)
 
 
-@app.command()
+@command()
+def scenes(
+    show: Annotated[
+        str | None, typer.Option("--show", help="write this scene as a file that can be edited")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="with --show: file to write, as mine.toml")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """List the built-in scenes, or show one."""
+    from morphosim.library.built_in import built_in_scene, scene_names, scene_text
+
+    if show is None:
+        if output is not None:
+            message = "--output says where to write a scene; name the scene by --show"
+            raise ValueError(message)
+        for name in scene_names():
+            say(f"{name:24} {built_in_scene(name).description}")
+    elif output is None:
+        say(scene_text(show).rstrip())
+    else:
+        check_free(writable(output, [".toml"]), overwrite)
+        write_text(output, scene_text(show))
+        note(f"scene in {output}: morphosim run {output} -o DIR")
+
+
+@command()
 def run(
     scene: Annotated[
         str | None, typer.Argument(help="built-in scene, scene file, or its directory")
@@ -64,8 +109,15 @@ def run(
     mpi: Annotated[
         bool, typer.Option("--mpi", help="share out the cells over the ranks of mpirun")
     ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace the run that the directory holds")
+    ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="tell what would run: steps, saves, memory, stability")
+    ] = False,
 ) -> None:
     """Simulate a scene and save the run, or go on with a saved one."""
+    how = How(mpi=mpi, overwrite=overwrite, dry=dry_run)
     overrides = _overrides(set_ or [])
     for key, value in (
         ("numerics.preset", preset), ("duration", until), ("numerics.dt", dt),
@@ -74,16 +126,26 @@ def run(
         if value is not None:
             overrides[key] = value
     if resume is not None:
-        _check_resume([scene, output, from_, time, stage], overrides)
-        _resume(resume, overrides, mpi)
-    if scene is None or output is None:
+        _check_resume([scene, output, from_, time, stage, overwrite or None], overrides)
+        _resume(resume, overrides, how)
+        return
+    if scene is None or (output is None and not dry_run):
         message = "run needs a scene and --output, or --resume and the directory of a run"
         raise typer.BadParameter(message)
+    if overwrite and from_ is not None and output is not None and output.exists():
+        _check_apart(from_, output)
     if from_ is None and (time is not None or stage is not None):
         message = "--time and --stage say how to start from a saved run; give the run by --from"
         raise ValueError(message)
     given = scene
-    _simulate(lambda: _chosen(given, overrides, stage, until), output, from_, time, mpi)
+    _simulate(lambda: _chosen(given, overrides, stage, until), output, from_, time, how)
+
+
+def _check_apart(source: Path, output: Path) -> None:
+    """Raise ValueError if a run would delete the one that it starts from."""
+    if source.resolve() == output.resolve():
+        message = f"--overwrite would delete {source}, which --from names; take another --output"
+        raise ValueError(message)
 
 
 def _chosen(
@@ -126,7 +188,7 @@ def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:
         raise ValueError(message)
 
 
-def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
+def _resume(directory: Path, overrides: dict[str, Any], how: How) -> None:
     """Go on with a run; a later end is written to its scene file."""
     from morphosim.runs.directory import RunDirectory
     from morphosim.runs.resume import saved_scene, saved_state
@@ -137,7 +199,7 @@ def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
         threads = overrides.get("numerics.threads", scene.numerics.threads)
         end = overrides.get("duration", scene.duration)
         scene = replace(scene, duration=end).with_numerics(threads=threads)
-        return _kind(mpi)(scene, snapshot)
+        return _kind(how.mpi)(scene, snapshot)
 
     def lengthen() -> None:
         scene = saved_scene(directory)
@@ -147,20 +209,21 @@ def _resume(directory: Path, overrides: dict[str, Any], mpi: bool) -> None:
             with files.locked():
                 save_scene(replace(scene, duration=end), files.scene)
 
-    _start(make, directory, mpi, resume=True, before=lengthen)
+    _start(make, directory, replace(how, resume=True), lengthen)
 
 
 def _simulate(
-    scene: "Callable[[], Scene]", output: Path, source: Path | None, time: float | None, mpi: bool
-) -> None:
+    scene: "Callable[[], Scene]", output: Path | None, source: Path | None, time: float | None,
+    how: How,
+) -> None:  # fmt: skip
     """Simulate a scene from its start, or from a save of another run."""
 
     def make() -> "Simulation":
         if source is None:
-            return _kind(mpi)(scene())
-        return _kind(mpi).from_run(source, scene=scene(), time=time)
+            return _kind(how.mpi)(scene())
+        return _kind(how.mpi).from_run(source, scene=scene(), time=time)
 
-    _start(make, output, mpi)
+    _start(make, output, how)
 
 
 def _kind(mpi: bool) -> "type[Simulation]":
@@ -174,45 +237,74 @@ def _kind(mpi: bool) -> "type[Simulation]":
 
 
 def _start(
-    make: "Callable[[], Simulation]", output: Path, mpi: bool, resume: bool = False,
+    make: "Callable[[], Simulation]", output: Path | None, how: How,
     before: "Callable[[], None]" = lambda: None,
 ) -> None:  # fmt: skip
-    """Run here, or over the ranks of an MPI job."""
-    if mpi:
-        from morphosim.mpi.run import go
+    """Run here, or over the ranks of an MPI job; or only tell what would run."""
+    from morphosim.runs.directory import RunDirectory
+    from morphosim.simulation.compilation import compilation_told
 
-        status = go(make, output, typer.echo, before=before, summary=_summary, resume=resume)
-        raise typer.Exit(status)
-    simulation = make()
-    before()
-    _go(simulation, output, resume)
+    if output is not None and not (how.resume or how.overwrite):
+        RunDirectory(output).check_free()
+    if output is None or how.dry:
+        from morphosim.cli.plan import plan_text
+
+        with compilation_told(remark):
+            say(plan_text(make()))
+    elif how.mpi:
+        _go_over_ranks(make, output, how, before)
+    else:
+        with compilation_told(remark):
+            simulation = make()
+            before()
+            _go(simulation, output, how)
 
 
-def _go(simulation: "Simulation", output: Path, resume: bool = False) -> None:
+def _go_over_ranks(
+    make: "Callable[[], Simulation]", output: Path, how: How, before: "Callable[[], None]"
+) -> None:
+    from morphosim.mpi.communicator import world
+    from morphosim.mpi.run import go
+    from morphosim.simulation.compilation import compilation_told
+
+    with compilation_told(remark if world().rank == 0 else silent):
+        status = go(
+            make, output, note, before=before, summary=_summary, resume=how.resume,
+            overwrite=how.overwrite, bar=_bar,
+        )  # fmt: skip
+    raise typer.Exit(status)
+
+
+def _bar(until: float) -> "ProgressBar":
+    from morphosim.simulation.progress_bar import ProgressBar
+
+    return ProgressBar(until, events=voice.verbose, quiet=voice.quiet)
+
+
+def _go(simulation: "Simulation", output: Path, how: How) -> None:
     """Run with output and progress; end with a summary, whatever happens."""
     from morphosim.errors import SaveError, SimulationError
     from morphosim.runs.writer import RunWriter
-    from morphosim.simulation.progress_bar import ProgressBar
 
-    writer = RunWriter.of(simulation.scene, output, resume)
-    bar = ProgressBar(simulation.scene.duration)
+    writer = RunWriter.of(simulation.scene, output, how.resume, how.overwrite)
+    bar = _bar(simulation.scene.duration)
     status = 0
     try:
         simulation.run(observers=[writer, bar])
     except KeyboardInterrupt:
         kept = "saved" if simulation.whole else "the saves before are kept"
-        typer.echo(
+        tell_line(
             f"interrupted at t = {simulation.time:g}; {kept}. "
-            f"Go on with: morphosim run --resume {output}", err=True
-        )  # fmt: skip
+            f"Go on with: morphosim run --resume {output}"
+        )
         status = INTERRUPTED
     except SaveError as error:
-        typer.echo(f"error: {error}", err=True)
+        tell_line(f"error: {error}")
         raise typer.Exit(RUN_ERROR) from error
     except SimulationError as error:
-        typer.echo(f"error: {error}. The last state is saved", err=True)
+        tell_line(f"error: {error}. The last state is saved")
         status = RUN_ERROR
-    typer.echo(_summary(simulation, bar, output))
+    note(_summary(simulation, bar, output))
     raise typer.Exit(status)
 
 
@@ -230,15 +322,16 @@ def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
         lines.append(f"... and {len(simulation.names) - shown} cells more")
     if bar.steps:
         speed = 1e3 * bar.seconds / bar.steps
+        threads = "1 thread" if simulation.threads == 1 else f"{simulation.threads} threads"
         lines.append(
             f"t = {simulation.time:g} in {bar.seconds:.1f} s: {speed:.2f} ms per step on "
-            f"{simulation.threads} threads (first step, with compilation: {bar.first_step:.1f} s)"
+            f"{threads} (first step, with compilation: {bar.first_step:.1f} s)"
         )
     lines.append(f"saved in {output}")
     return "\n".join(lines)
 
 
-@app.command()
+@command()
 def bench(
     seconds: Annotated[float, typer.Option(help="about how long to time")] = 60.0,
     json_file: Annotated[
@@ -246,17 +339,17 @@ def bench(
         typer.Option("--json", dir_okay=False, help="also write the result to this file"),
     ] = None,
     threads: Annotated[int, typer.Option(help="number of threads to compare with one; 0: all")] = 0,
+    overwrite: Overwrite = False,
 ) -> None:
     """Time this machine: steps of 100 cells and of the embryo, memory, bandwidth."""
-    from morphosim._files import write_text
     from morphosim.bench import measure, text
-    from morphosim.progress import progress_line
 
     if json_file is not None:
+        check_free(json_file, overwrite)
         json_file.parent.mkdir(parents=True, exist_ok=True)
-    with progress_line() as tell:
+    with progress() as tell:
         result = measure(seconds, threads, tell)
-    typer.echo(text(result))
+    say(text(result))
     if json_file is not None:
         write_text(json_file, json.dumps(result, indent=1) + "\n")
-        typer.echo(f"written to {json_file}")
+        note(f"written to {json_file}")

@@ -1,14 +1,17 @@
 """Commands that make scenes of other files: `import-matlab`, `import-labels`, `import-lineage`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from morphosim.cli.app import app
+from morphosim.cli.app import Overwrite, command, note, remark
+
+if TYPE_CHECKING:
+    from morphosim.scene.scene import Scene
 
 
-@app.command("import-matlab")
+@command("import-matlab")
 def import_matlab(
     masks: Annotated[Path, typer.Argument(help=".mat file with Mask or phi_save")],
     table: Annotated[Path, typer.Option(help="names and attraction: .xls, .xlsx or .csv")],
@@ -19,23 +22,23 @@ def import_matlab(
         Path | None, typer.Option(help="masks that give the target volumes of a saved state")
     ] = None,
     spacing: Annotated[float, typer.Option(help="voxel size, um")] = 0.5,
+    overwrite: Overwrite = False,
 ) -> None:
     """Turn the published MATLAB program's files into a scene that `run` takes."""
     from morphosim.geometry.eggshell import EGGSHELL
     from morphosim.importers.matlab.scene import import_matlab as read
-    from morphosim.scene.file import save_scene
 
+    _check_free(output, overwrite)
     scene = read(
         masks, table, shell=shell, confinement=None if open_space else EGGSHELL,
         spacing=spacing, masks_for_volume=target_masks,
     )  # fmt: skip
-    output.mkdir(parents=True, exist_ok=True)
-    save_scene(scene, output / "scene.toml")
-    typer.echo(f"{len(scene.cells)} cells: {', '.join(scene.names)}")
-    typer.echo(f"scene in {output / 'scene.toml'}")
+    file = _save(scene, output)
+    note(f"{len(scene.cells)} cells: {', '.join(scene.names)}")
+    note(f"scene in {file}")
 
 
-@app.command("import-labels")
+@command("import-labels")
 def import_labels(
     image: Annotated[Path, typer.Argument(help="label image: .tif, .npy, .npz or .nc")],
     output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
@@ -69,14 +72,16 @@ def import_labels(
     relax: Annotated[
         float, typer.Option(help="first run all cells for this time; 10 suits frozen cells")
     ] = 0.0,
+    overwrite: Overwrite = False,
 ) -> None:
     """Turn a segmented image into a scene that `run` takes."""
     from morphosim.importers.labels.image_file import read_labels
     from morphosim.importers.labels.scene import import_labels as read
     from morphosim.physics.parameters import Physics
-    from morphosim.scene.file import save_scene
+    from morphosim.simulation.compilation import compilation_told
     from morphosim.simulation.relaxation import relaxed
 
+    _check_free(output, overwrite)
     labels = read_labels(
         image, axes=axes, spacing=spacing, origin=origin, key=key, time_index=time_index
     )
@@ -86,15 +91,15 @@ def import_labels(
         least_voxels=least_voxels, name=image.name.partition(".")[0],
     )  # fmt: skip
     if relax:
-        scene = relaxed(scene, relax)
-    output.mkdir(parents=True, exist_ok=True)
-    save_scene(scene, output / "scene.toml")
+        with compilation_told(remark):
+            scene = relaxed(scene, relax)
+    file = _save(scene, output)
     still = sum(cell.frozen for cell in scene.cells)
-    typer.echo(f"{len(scene.cells)} cells, {still} of them frozen: {', '.join(scene.names)}")
-    typer.echo(f"scene in {output / 'scene.toml'}")
+    note(f"{len(scene.cells)} cells, {still} of them frozen: {', '.join(scene.names)}")
+    note(f"scene in {file}")
 
 
-@app.command("import-lineage")
+@command("import-lineage")
 def import_lineage(
     table: Annotated[
         Path,
@@ -111,21 +116,38 @@ def import_lineage(
     ] = float("inf"),
     groups: Annotated[int | None, typer.Option(help="division groups; by default all")] = None,
     limit: Annotated[float, typer.Option(help="longest in silico time of a stage")] = 1000.0,
+    overwrite: Overwrite = False,
 ) -> None:
     """Turn a lineage table into a scene: an embryo from its first cell on, group after group."""
     from morphosim.geometry.confinement import EllipsoidShell
     from morphosim.importers.lineage import read_lineage
     from morphosim.importers.lineage.scene import lineage_scene
-    from morphosim.scene.file import save_scene
 
+    _check_free(output, overwrite)
     walls = EllipsoidShell(center=(0, 0, 0), semi_axes=shell, cut=(float("inf"),) * 2 + (cut,))
     scene = lineage_scene(
         read_lineage(table), walls, (0, 0, 0), groups=groups, limit=limit, name=table.stem
     )
-    output.mkdir(parents=True, exist_ok=True)
-    save_scene(scene, output / "scene.toml")
-    typer.echo(f"{len(scene.stages)} stages: {', '.join(stage.name for stage in scene.stages)}")
-    typer.echo(f"scene in {output / 'scene.toml'}")
+    file = _save(scene, output)
+    note(f"{len(scene.stages)} stages: {', '.join(stage.name for stage in scene.stages)}")
+    note(f"scene in {file}")
+
+
+def _check_free(folder: Path, overwrite: bool) -> None:
+    """Raise FileExistsError if a scene cannot be written to a folder, before any work."""
+    from morphosim.runs.directory import RunDirectory
+
+    RunDirectory(folder).check_free(overwrite)
+
+
+def _save(scene: "Scene", folder: Path) -> Path:
+    """Write a scene to a folder, which is made; the scene's file."""
+    from morphosim.runs.directory import SCENE
+    from morphosim.scene.file import save_scene
+
+    folder.mkdir(parents=True, exist_ok=True)
+    save_scene(scene, folder / SCENE)
+    return folder / SCENE
 
 
 def _names(text: str) -> list[str]:

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from morphosim.cli.app import app
+from morphosim._files import check_free
+from morphosim.cli.app import Overwrite, command, note, progress
 
 Run = Annotated[Path, typer.Argument(help="directory or packed file of a run")]
 By = Annotated[
@@ -17,7 +18,7 @@ Mirror = Annotated[
 ]
 
 
-@app.command()
+@command()
 def plot(
     directory: Run,
     output: Annotated[
@@ -33,20 +34,22 @@ def plot(
     shell: Shell = True,
     matrix: Annotated[bool, typer.Option(help="add the contact matrix")] = True,
     mirror: Mirror = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Draw the cells of a run at one time, in several views."""
     from morphosim.accessor import open_run
     from morphosim.pictures.plot import plot as write
 
+    check_free(output, overwrite)
     with open_run(directory) as data:
         write(
             data, time, by=by, views=view or "three", names=names, shell=shell, matrix=matrix,
             mirror=mirror, path=output,
         )  # fmt: skip
-    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
+    note(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
 
 
-@app.command()
+@command()
 def film(
     directory: Run,
     output: Annotated[Path, typer.Option("-o", "--output", help="film to write: .mp4 or .gif")],
@@ -57,21 +60,22 @@ def film(
     names: Annotated[bool, typer.Option(help="write the names on the cells")] = False,
     shell: Shell = True,
     mirror: Mirror = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Make a film of a run, one frame per save."""
     from morphosim.accessor import open_run
     from morphosim.pictures.film import film as write
-    from morphosim.progress import progress_line
 
-    with open_run(directory) as data, progress_line() as tell:
+    check_free(output, overwrite)
+    with open_run(directory) as data, progress() as tell:
         write(
             data, output, by=by, view=view, turn=turn, fps=fps, names=names, shell=shell,
             mirror=mirror, tell=lambda done, of: tell("film", done, of),
         )  # fmt: skip
-    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
+    note(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
 
 
-@app.command()
+@command()
 def show(
     directory: Run,
     output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write")] = Path(
@@ -80,12 +84,13 @@ def show(
     times: Annotated[
         int | None, typer.Option(min=1, help="so many saves, evenly spread; by default all")
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a 3-D view of a run as one HTML file, which needs no network."""
     from morphosim.accessor import open_run
     from morphosim.pictures.show import save_page
-    from morphosim.progress import progress_line
 
-    with open_run(directory) as data, progress_line() as tell:
+    check_free(output, overwrite)
+    with open_run(directory) as data, progress() as tell:
         save_page(data, output, times, tell=lambda done, of: tell("view", done, of))
-    typer.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
+    note(f"{output}: {output.stat().st_size / 1e6:.1f} MB")

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from morphosim.cli.app import app
+from morphosim.cli.app import command, say
 
 
-@app.command("app")
+@command("app")
 def application(
     folder: Annotated[
         Path, typer.Option(help="the application reads and writes nothing outside of it")
@@ -31,6 +31,6 @@ def application(
     from morphosim.app.server import serve
 
     def tell(address: str) -> None:
-        typer.echo(f"MorphoSim: {address}")
+        say(f"MorphoSim: {address}")
 
     serve(folder, host, port, tell, open_browser, token)

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from morphosim.cli.app import INTERRUPTED, RUN_ERROR, app
+from morphosim.cli.app import INTERRUPTED, RUN_ERROR, command, note, voice
+from morphosim.progress import tell_line
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-@app.command()
+@command()
 def sweep(
     file: Annotated[Path, typer.Argument(help="sweep file: scene, axes, figures")],
     output: Annotated[
@@ -38,16 +39,16 @@ def sweep(
     try:
         result = scan(
             **settings, directory=output, workers=workers, threads_per_member=threads_per_member,
-            address=address, retry=retry,
+            address=address, retry=retry, progress=not voice.quiet,
         )  # fmt: skip
     except KeyboardInterrupt:
-        typer.echo(
+        tell_line(
             f"interrupted; finished members are kept. Go on with: morphosim sweep {file} "
-            f"-o {output}", err=True,
-        )  # fmt: skip
+            f"-o {output}"
+        )
         raise typer.Exit(INTERRUPTED) from None
     failed = _report(result)
-    typer.echo(f"written to {output / 'sweep.nc'}")
+    note(f"written to {output / 'sweep.nc'}")
     raise typer.Exit(RUN_ERROR if failed else 0)
 
 
@@ -56,7 +57,7 @@ def _report(result: "xr.Dataset") -> int:
     errors = result["error"].values.ravel()
     failed = [text for text in errors.tolist() if text]
     sizes = " x ".join(f"{name} {result.sizes[name]}" for name in result["error"].dims)
-    typer.echo(f"{len(errors)} members ({sizes}), {float(result['seconds'].sum()):.0f} s in all")
+    note(f"{len(errors)} members ({sizes}), {float(result['seconds'].sum()):.0f} s in all")
     for text in dict.fromkeys(failed):
-        typer.echo(f"{failed.count(text)} failed: {text}", err=True)
+        tell_line(f"{failed.count(text)} failed: {text}")
     return len(failed)

@@ -21,6 +21,8 @@ def export(
     to: str,
     times: Iterable[float] | None = None,
     tell: Tell | None = None,
+    *,
+    overwrite: bool = False,
 ) -> list[Path]:
     """Write a run in a format of other programs. Lengths are in µm.
 
@@ -28,7 +30,8 @@ def export(
     ----------
     run : Dataset of `open_run`
     directory : path
-        Made if it does not exist; must be empty. The files appear in it when all are written.
+        Made if it does not exist; must be empty, unless `overwrite`. The files appear in it when
+        all are written.
     to : {"vtk", "stl", "ome-tiff", "csv"}
         Surfaces of cells and label images for ParaView, which needs PyVista; surfaces as binary
         STL; label images as one OME-TIFF series; tables.
@@ -36,6 +39,9 @@ def export(
         The saves nearest to these. By default all, for "stl" the last.
     tell : callable, optional
         Told after each save how many are done, and of how many.
+    overwrite : bool
+        Whether to write into a directory that holds files: those of the same names are replaced,
+        others stay.
 
     Returns
     -------
@@ -46,7 +52,7 @@ def export(
     ValueError
         The format is not known, or the run lacks what it takes.
     FileExistsError
-        The directory is not empty.
+        The directory is not empty, or is a file.
     ImportError
         The format takes a package that is not installed.
     WriteError
@@ -54,7 +60,7 @@ def export(
     """
     _validate.choice("to", to, FORMATS)
     form, directory = FORMATS[to], Path(directory)
-    _check_empty(directory)
+    _check_empty(directory, overwrite)
     saves = _saves(run, times, form.last_only)
     if form.needs:
         need(form.needs, f"export to {to!r}", form.extra)
@@ -64,9 +70,16 @@ def export(
     return [directory / path.relative_to(folder) for path in paths]
 
 
-def _check_empty(directory: Path) -> None:
-    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        message = f"{directory} is not an empty directory; choose another for the export"
+def _check_empty(directory: Path, overwrite: bool) -> None:
+    """Raise FileExistsError unless the directory can be written to without replacing files."""
+    if directory.exists() and not directory.is_dir():
+        message = f"{directory} is a file, not a directory; choose another for the export"
+        raise FileExistsError(message)
+    if directory.exists() and not overwrite and any(directory.iterdir()):
+        message = (
+            f"{directory} is not an empty directory; choose another for the export, or replace "
+            "files there by --overwrite (overwrite=True)"
+        )
         raise FileExistsError(message)
 
 

@@ -4,12 +4,13 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from morphosim import _validate
 from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
 from morphosim.library.synnotch import SCENES as RANDOM
-from morphosim.scene.file import load_scene, overridden
+from morphosim.scene.file import load_scene, overridden, save_scene
 from morphosim.scene.scene import Scene
 
 _FOLDER = files("morphosim.library.data")
@@ -41,6 +42,17 @@ def built_in_scene(name: str, overrides: Mapping[str, Any] | None = None) -> Sce
         with as_file(_FOLDER / f"{name}.toml") as path:
             return load_scene(path, overrides)
     return overridden(scene, overrides) if overrides else scene
+
+
+def scene_text(name: str) -> str:
+    """Content of the scene file that says a built-in scene; errors as for `built_in_scene`."""
+    scene = built_in_scene(name)
+    if name not in MADE and name not in RANDOM:
+        return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "scene.toml"
+        save_scene(scene, file)
+        return file.read_text(encoding="utf-8")
 
 
 def find_scene(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> Scene:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from morphosim.errors import SaveError, SimulationError
 from morphosim.mpi.communicator import StoppedError, agreed, is_agreed, trace_of, world
 from morphosim.mpi.distributed_simulation import RootObserver, on_root
+from morphosim.progress import tell_line
 from morphosim.runs.writer import RunWriter
 from morphosim.simulation.interrupts import SIGNALS
 from morphosim.simulation.observers import Observer
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Summary = Callable[[Simulation, ProgressBar, Path], str]
-Say = Callable[..., None]
+Say = Callable[[str], None]
 
 
 def go(
@@ -34,6 +35,8 @@ def go(
     before: Callable[[], None] = lambda: None,
     summary: Summary | None = None,
     resume: bool = False,
+    overwrite: bool = False,
+    bar: Callable[[float], ProgressBar] = ProgressBar,
 ) -> int:
     """Run a simulation to its end on all ranks; rank 0 saves it, draws progress and tells the end.
 
@@ -47,14 +50,16 @@ def go(
         Makes the simulation, a `DistributedSimulation`; all ranks call it.
     output : path
         Directory of the run, which every rank may see and rank 0 writes.
-    say : function of a text, and of err=True for what went wrong, as `typer.echo`
-        Tells the user; called on rank 0 only.
+    say : function of a text
+        Tells the user how it ended; called on rank 0 only.
     before : function, optional
         Called on rank 0 once all ranks have their simulation.
     summary : function of the simulation, its progress bar and `output`, optional
         Makes what is told at the end.
-    resume : bool
+    resume, overwrite : bool
         See `RunWriter`.
+    bar : function of the time at which the run ends
+        Makes the progress bar.
 
     Returns
     -------
@@ -73,32 +78,33 @@ def go(
     with _signals(comm.rank) as interrupted:
         try:
             simulation = agreed(comm, make)
-            bar = ProgressBar(simulation.scene.duration)
+            drawn = bar(simulation.scene.duration)
             observers = RootObserver(
-                lambda: _observers(simulation, output, resume, bar, before),
+                lambda: _observers(simulation, output, resume, overwrite, drawn, before),
                 lambda: bool(interrupted),
             )
         except Exception as error:
             _leave(comm, error)
             raise
         with _ends_all(comm):
-            status = _advance(simulation, observers, output, say)
+            status = _advance(simulation, observers, output)
             if summary is not None and (status != FAILED or simulation.error):
                 text = summary
-                on_root(simulation, lambda: say(text(simulation, bar, output)))
+                on_root(simulation, lambda: say(text(simulation, drawn, output)))
     return status if comm.rank == 0 else DONE
 
 
 def _observers(
-    simulation: Simulation, output: Path, resume: bool, bar: ProgressBar, before: Callable[[], None]
-) -> list[Observer]:
+    simulation: Simulation, output: Path, resume: bool, overwrite: bool, bar: ProgressBar,
+    before: Callable[[], None],
+) -> list[Observer]:  # fmt: skip
     """What watches the run on rank 0."""
-    writer = RunWriter.of(simulation.scene, output, resume)
+    writer = RunWriter.of(simulation.scene, output, resume, overwrite)
     before()
     return [writer, bar]
 
 
-def _advance(simulation: Simulation, observers: RootObserver, output: Path, say: Say) -> int:
+def _advance(simulation: Simulation, observers: RootObserver, output: Path) -> int:
     """Run; tell what has ended the run before its end."""
     text, status = "", FAILED
     try:
@@ -118,7 +124,7 @@ def _advance(simulation: Simulation, observers: RootObserver, output: Path, say:
             raise
         text = trace_of(error)  # of a step; else rank 0 has it, and tells
     if world().rank == 0:
-        say(text, err=True)
+        tell_line(text)
     return status
 
 

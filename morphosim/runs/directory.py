@@ -22,6 +22,11 @@ class RunDirectory:
         """The scene file."""
         return self.path / SCENE
 
+    @property
+    def scene_files(self) -> list[Path]:
+        """The scene file and that of its arrays, of those that there are."""
+        return [file for file in (self.scene, self.scene.with_suffix(".npz")) if file.exists()]
+
     def save(self, number: int) -> Path:
         """File of one save."""
         return self.path / f"save-{number:06d}.nc"
@@ -40,6 +45,29 @@ class RunDirectory:
         """Number of the last save; -1 if there is none."""
         saves = self.saves
         return int(saves[-1].stem.partition("-")[2]) if saves else -1
+
+    def check_free(self, overwrite: bool = False) -> None:
+        """Raise FileExistsError if there is a run, or a scene unless `overwrite`."""
+        if self.saves:
+            message = (
+                f"{self.path} already holds a run; take another directory, or go on with it: "
+                f"morphosim run --resume {self.path}"
+            )
+            raise FileExistsError(message)
+        if self.scene_files and not overwrite:
+            message = (
+                f"{self.scene_files[0]} exists and would be replaced; take another directory, or "
+                "replace it by --overwrite (overwrite=True)"
+            )
+            raise FileExistsError(message)
+
+    def clear(self) -> None:
+        """Delete the run, from its last save down, and no file but those of runs."""
+        for pattern in ("restart-*.npz", "save-*.nc"):
+            for file in sorted(self.path.glob(pattern), reverse=True):
+                file.unlink(missing_ok=True)
+        for file in self.scene_files:
+            file.unlink(missing_ok=True)
 
     def tidy(self) -> None:
         """Delete what a process that was killed has left half written, and old states."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphosim._files import replacing, writable
+from morphosim._files import check_free, replacing, writable
 from morphosim.measure.variable import Variable
 from morphosim.progress import Tell
 from morphosim.runs.directory import RunDirectory
@@ -20,27 +20,29 @@ BLOCK = 1 << 23
 """Values of a lazy variable that are in memory at once."""
 
 
-def pack(directory: str | Path, file: str | Path, tell: Tell | None = None) -> None:
+def pack(
+    directory: str | Path, file: str | Path, tell: Tell | None = None, *, overwrite: bool = False
+) -> None:
     """Write a run into one netCDF-4 file, which `read_run` and plain xarray open as one Dataset.
 
     Parameters
     ----------
     directory : path of a run
-    file : path to write; must not exist
+    file : path to write
     tell : function, optional
         Told how many values are done, and of how many.
+    overwrite : bool
+        Whether to replace a file that is there.
 
     Raises
     ------
     FileExistsError
-        There is a file at `file`.
+        There is a file at `file`, and `overwrite` is not set.
     FileNotFoundError
         There is no run in the directory, or no folder for the file.
     """
     target = writable(file)
-    if target.exists():
-        message = f"{target} exists; delete it, or give another name"
-        raise FileExistsError(message)
+    check_free(target, overwrite)
     with read_run(directory) as run, replacing(target) as partial:
         _write(run, partial, RunDirectory(Path(directory)), tell)
 

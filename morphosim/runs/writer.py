@@ -35,7 +35,8 @@ class RunWriter:
     Parameters
     ----------
     directory : path
-        Made if it does not exist; must not hold a run yet, unless `resume`.
+        Made if it does not exist; must not hold a run or a scene file yet, unless `resume` or
+        `overwrite`.
     every : float
         *In silico* time between saves.
     fields : {"packed", "exact", "none"}
@@ -45,11 +46,14 @@ class RunWriter:
     resume : bool
         Whether to add to the run that the directory holds; the simulation must be that of
         `Simulation.from_run`.
+    overwrite : bool
+        Whether to replace a run that the directory holds: at the start its saves, states and scene
+        file are deleted, and nothing else.
 
     Raises
     ------
     FileExistsError
-        The directory holds a run, or another process is writing one there.
+        The directory holds a run or a scene file, or another process is writing there.
     SaveError
         While running: a save could not be written. All saves before are whole.
 
@@ -68,22 +72,27 @@ class RunWriter:
         fields: str = "packed",
         labels: bool = False,
         resume: bool = False,
+        overwrite: bool = False,
     ) -> None:
         self.files = RunDirectory(Path(directory))
         self.every = _validate.number("every", every, above=0)
         _validate.choice("fields", fields, SAVE_FIELDS)
         _validate.flag("labels", labels)
+        _validate.flag("overwrite", overwrite)
         self.fields, self.labels, self.resume = fields, labels, resume
-        if not resume:
-            self._check_free()
+        self.overwrite = overwrite
+        if not (resume or overwrite):
+            self.files.check_free()
         self._make_folder()
 
     @classmethod
-    def of(cls, scene: Scene, directory: str | Path, resume: bool = False) -> "RunWriter":
+    def of(
+        cls, scene: Scene, directory: str | Path, resume: bool = False, overwrite: bool = False
+    ) -> "RunWriter":
         """Writer that saves when, and what, a scene says."""
         return cls(
             directory, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
-            resume=resume,
+            resume=resume, overwrite=overwrite,
         )  # fmt: skip
 
     @property
@@ -142,8 +151,10 @@ class RunWriter:
     def _begin(self, simulation: Observed) -> None:
         if self.resume:
             self._check_fits(simulation)
+        elif self.overwrite:
+            self.files.clear()
         else:
-            self._check_free()
+            self.files.check_free()
         self.files.tidy()
         self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
         self._number = self.files.last
@@ -167,14 +178,6 @@ class RunWriter:
                 "another one"
             )
             raise SaveError(message) from error
-
-    def _check_free(self) -> None:
-        if self.files.saves:
-            message = (
-                f"{self.directory} already holds a run; take another directory, or go on with it: "
-                f"morphosim run --resume {self.directory}"
-            )
-            raise FileExistsError(message)
 
     def _check_fits(self, simulation: Observed) -> None:
         """Raise ValueError unless the simulation is at the last save, with the same variables."""
@@ -218,6 +221,7 @@ class RunWriter:
         except (OSError, VariableError) as error:
             self._failed = True
             raise self._error(simulation, error) from error
+        _log.info("saved t = %g in %s", simulation.time, self.files.save(number))
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.steps
         self._told.append((simulation.steps, len(simulation.events)))

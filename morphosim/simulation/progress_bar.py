@@ -1,22 +1,27 @@
-"""Progress of a run, drawn on standard error."""
+"""Progress of a run, on standard error: a bar on a terminal, else a line now and then."""
 
 import time
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
+from morphosim.progress import Bar, Pace, duration_text, tell_line
 from morphosim.simulation.simulation import Simulation
 
 
 class ProgressBar:
     """Observer that shows *in silico* time, steps per second and time left.
 
+    Where standard error is no terminal, as in a batch job, it writes a line after 10 seconds, and
+    then ever more rarely: at least every 10 minutes.
+
     Parameters
     ----------
     until : float
         *In silico* time at which the run ends.
     interval : float
-        Seconds between two updates.
+        Seconds between two updates of the bar.
+    events : bool
+        Whether to write a line for each event too.
+    quiet : bool
+        Whether to show nothing, and only count.
 
     Attributes
     ----------
@@ -26,39 +31,65 @@ class ProgressBar:
         Steps after the first.
     """
 
-    def __init__(self, until: float, interval: float = 0.25) -> None:
-        self.until, self.interval = until, interval
+    def __init__(
+        self, until: float, interval: float = 0.25, *, events: bool = False, quiet: bool = False
+    ) -> None:
+        self.until, self.interval, self.events, self.quiet = until, interval, events, quiet
         self.first_step = self.seconds = 0.0
         self.steps = 0
-        self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(),
-            TextColumn("t = {task.completed:.0f} of {task.total:.0f}"),
-            TextColumn("{task.fields[speed]}"), TimeRemainingColumn(),
-            console=Console(stderr=True), transient=True,
-        )  # fmt: skip
+        self._bar = Bar("t = {task.completed:.0f} of {task.total:.0f}", "{task.fields[speed]}")
 
     def start(self, simulation: Simulation) -> None:
         """Begin to draw."""
-        self._bar.start()
-        self._task = self._bar.add_task(
-            f"{simulation.scene.name}, {len(simulation.cells)} cells", total=self.until,
-            completed=int(simulation.time), speed="compiling",
-        )  # fmt: skip
+        self._draws = self._bar.shown and not self.quiet
+        if self._draws:
+            what = f"{simulation.scene.name}, {len(simulation.cells)} cells"
+            self._bar.begin(what, self.until, simulation.time, speed="first step")
+        self._told = len(simulation.events)
+        self._pace = Pace()
         self._begin = self._shown = time.perf_counter()
 
     def after_step(self, simulation: Simulation) -> None:
         """Count; draw if the last drawing is old enough."""
         now = time.perf_counter()
-        if not self.first_step:
-            self.first_step, self._begin = now - self._begin, now
+        if self.first_step:
+            self.steps += 1
+            self.seconds = now - self._begin
+        else:
+            self.first_step, self._begin, self._since = now - self._begin, now, simulation.time
+        if self.quiet:
             return
-        self.steps += 1
-        self.seconds = now - self._begin
-        if now - self._shown > self.interval:
+        if self.events:
+            self._tell_events(simulation)
+        if self._draws and now - self._shown > self.interval and self.steps:
             self._shown = now
             speed = f"{self.steps / self.seconds:.1f} steps/s"
-            self._bar.update(self._task, completed=simulation.time, speed=speed)
+            self._bar.update(completed=simulation.time, speed=speed)
+        elif not self._draws and self._pace.due():
+            tell_line(self._line(simulation))
 
     def finish(self, simulation: Simulation) -> None:
         """Remove the bar."""
-        self._bar.stop()
+        self._bar.end()
+
+    def _tell_events(self, simulation: Simulation) -> None:
+        for at, text in simulation.events[self._told :]:
+            tell_line(f"t = {at:g}: {text}")
+        self._told = len(simulation.events)
+
+    def _line(self, simulation: Simulation) -> str:
+        """Time, cells, speed and time left."""
+        scene, words = simulation.scene, [f"t = {simulation.time:g}"]
+        if scene.stages:  # may end before `until`
+            number = min(simulation.stages_ended + 1, len(scene.stages))
+            words.append(f"stage {simulation.stage!r} ({number} of {len(scene.stages)})")
+        else:
+            words[0] += f" of {self.until:g}"
+        words.append(f"{len(simulation.names)} cells")
+        lapse = simulation.time - self._since
+        if self.steps and lapse > 0:
+            words.append(f"{self.steps / self.seconds:.3g} steps/s")
+            if not scene.stages:
+                left = self.seconds / lapse * (self.until - simulation.time)
+                words.append(f"{duration_text(left)} left")
+        return ", ".join(words)

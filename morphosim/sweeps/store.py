@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
+from filecmp import cmp
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,12 +101,15 @@ class Store:
             for half_written in self.path.glob(f"members/*{PARTIAL}"):
                 half_written.unlink(missing_ok=True)
             return
-        others = [p.name for p in self.path.iterdir() if p.name not in ("lock", "scene.npz")]
-        if set(others) - {"scene.toml"}:
-            message = f"{self.path} holds {others[0]!r} and no scan; take another directory"
-            raise FileExistsError(message)
-        for source in sorted(staged.path.iterdir()):
-            shutil.copyfile(source, self.path / source.name)
+        sources = {file.name: file for file in staged.path.iterdir()}
+        for file in sorted(self.path.iterdir()):  # of a scan that was killed as it began, perhaps
+            same = file.name in sources and cmp(file, sources[file.name], shallow=False)
+            if not (same or file.name == "lock" or file.name.endswith(PARTIAL)):
+                message = f"{self.path} holds {file.name!r} and no scan; take another directory"
+                raise FileExistsError(message)
+        for name, source in sorted(sources.items()):
+            with replacing(self.path / name) as partial:
+                shutil.copyfile(source, partial)
         write_text(self.plan, json.dumps(description, indent=1) + "\n")
 
     def _check_same(self, had: Mapping[str, Any], has: Mapping[str, Any]) -> None:

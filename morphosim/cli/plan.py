@@ -1,0 +1,117 @@
+"""What `run --dry-run` says: the run that would be, without a step of it."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from morphosim.cli.run_facts import listing, preset_text
+from morphosim.runs.directory import RunDirectory
+from morphosim.runs.writer import RunWriter
+from morphosim.scene import stability
+from morphosim.scene.ends import Duration
+from morphosim.scene.scene import Scene
+from morphosim.scene.tables import numerics_table, physics_in_file
+from morphosim.simulation.simulation import Simulation
+
+
+def plan_text(simulation: Simulation) -> str:
+    """Lines on a simulation that has been made and could run."""
+    return "\n".join(
+        f"{key + ':':13}{text}" for key, text in (*_scene(simulation), *_course(simulation))
+    )
+
+
+def _scene(simulation: Simulation) -> Iterator[tuple[str, str]]:
+    scene = simulation.scene
+    yield "scene", scene.name + (f": {scene.description}" if scene.description else "")
+    frozen = int(np.sum(simulation.engine.everyone["frozen"]))
+    cells = f"{len(simulation.names)}" + (f", {frozen} of them frozen" if frozen else "")
+    kinds = sorted({kind for kind in simulation.types if kind})
+    yield "cells", cells + (f", of types {', '.join(kinds)}" if kinds else "")
+    yield "physics", listing(physics_in_file(simulation.physics))
+    walls = "none" if scene.confinement is None else type(scene.confinement).__name__
+    yield "confinement", walls
+    yield "numerics", preset_text(numerics_table(scene.numerics))
+    yield "threads", str(simulation.threads)
+    yield "stability", _stability(scene)
+
+
+def _stability(scene: Scene) -> str:
+    """What is expected of the scheme, and what may go wrong."""
+    numerics = scene.numerics
+    if numerics.scheme == "euler":
+        limit = f"dt = {numerics.dt:g}, at most {stability.largest_euler_step(scene):.3g}"
+        expected = "is expected to be stable"
+    else:
+        limit = f"S = {numerics.S:g}, at least {stability.least_S(scene):.3g}"
+        expected = "is expected to be needed"
+    return "; ".join([f"{limit} {expected}", *stability.concerns(scene)])
+
+
+def _course(simulation: Simulation) -> Iterator[tuple[str, str]]:
+    scene = simulation.scene
+    dt, end = scene.numerics.dt, _latest(scene)
+    steps = max(scene.numerics.steps_to(end) - simulation.steps, 0)
+    most = "at most " if scene.end is None else ""
+    yield "steps", f"{most}{steps} of dt = {dt:g}, from t = {simulation.time:g} to {end:g}"
+    for number, stage in enumerate(scene.stages, 1):
+        names = [type(event).__name__ for event in stage.events]
+        events = f"{', '.join(names)}; " if names else ""
+        limit = "" if stage.limit is None else f", or after {stage.limit:g}"
+        yield f"stage {number}", f"{stage.name}: {events}until {_end(stage.end)}{limit}"
+    yield from _output(simulation, end, most)
+
+
+def _output(simulation: Simulation, end: float, most: str) -> Iterator[tuple[str, str]]:
+    """Saves, disk and memory."""
+    scene = simulation.scene
+    due = np.floor(end / scene.save_every + 1e-9) - np.floor(simulation.time / scene.save_every)
+    count = max(int(due), 0) + 1 + len(scene.stages)
+    save, state = _sizes(simulation)
+    yield "saves", f"{most or 'about '}{count}, every {scene.save_every:g}"
+    yield "disk", f"about {_size(count * save + 2 * state)} ({_size(save)} a save)"
+    memory = simulation.engine.nbytes
+    yield "memory", f"{_size(memory)} at the start, besides Python and its libraries"
+
+
+def _latest(scene: Scene) -> float:
+    """*In silico* time at which a run ends, or does so at the latest."""
+    times = [s.end.time if isinstance(s.end, Duration) else s.limit for s in scene.stages]
+    known = [time for time in times if time is not None]
+    if not times or len(known) < len(times):
+        return scene.duration
+    return min(sum(known), scene.duration)
+
+
+def _end(end: object) -> str:
+    """An end in words."""
+    name = getattr(type(end), "__name__", "")
+    try:
+        values = listing(asdict(end))  # type: ignore[call-overload]
+    except TypeError:  # of a user's own
+        return name
+    return f"{name} ({values})" if values else name
+
+
+def _sizes(simulation: Simulation) -> tuple[int, int]:
+    """Bytes of a save, and of the state to go on from: the present ones, as written."""
+    scene = simulation.scene
+    with TemporaryDirectory(prefix="morphosim-") as folder:
+        files = RunDirectory(Path(folder))
+        writer = RunWriter.of(scene, folder)
+        writer.start(simulation)
+        writer.finish(simulation)
+        states = sum(file.stat().st_size for file in files.path.glob("restart-*.npz"))
+        return files.saves[-1].stat().st_size, states
+
+
+def _size(count: float) -> str:
+    """Bytes in words."""
+    for unit in ("kB", "MB", "GB"):
+        count /= 1000
+        if count < 1000 or unit == "GB":
+            return f"{count:.3g} {unit}"
+    raise AssertionError

@@ -1,0 +1,104 @@
+"""What `info` says of a run."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from morphosim.numerics.parameters import PRESETS, Numerics
+from morphosim.progress import duration_text
+from morphosim.runs.directory import RunDirectory
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+ANY_PRESET = ("threads", "seed")
+"""Numerics that are of no preset."""
+
+
+def run_facts(data: "xr.Dataset", place: Path) -> str:
+    """Lines on a run: what made it, how far it is, and the cells that live at its last save.
+
+    Parameters
+    ----------
+    data : Dataset of `open_run`
+    place : path of the run
+    """
+    return "\n".join([*_head(data, place), *_cells(data)])
+
+
+def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
+    attrs, times = data.attrs, data["time"].values
+    yield f"{attrs['title']}; {attrs['source']}"
+    if "physics" in attrs:
+        yield f"physics: {listing(json.loads(attrs['physics']))}"
+    if "numerics" in attrs:
+        yield f"numerics: {preset_text(json.loads(attrs['numerics']))}"
+    yield f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}{_written(place)}"
+    stage = str(data["stage"].values[-1]) if "stage" in data else ""
+    if stage:
+        yield f"stage: {stage}"
+    yield _end(attrs, float(times[-1]), place)
+
+
+def _end(attrs: dict[str, Any], time: float, place: Path) -> str:
+    """How a run has ended, or that it can go on."""
+    if attrs["error"]:
+        return f"ended by an error: {attrs['error']}"
+    if attrs.get("finished", time >= attrs["duration"] - 1e-9):  # of old runs, by their time
+        return "finished"
+    if place.is_dir() and any(place.glob("restart-*.npz")):
+        return f"is not at its end: morphosim run --resume {place}"
+    return "is not at its end; it cannot go on, as the state to go on from is not here"
+
+
+def _written(place: Path) -> str:
+    """Wall time from the first save to the last; "" for a packed run, which does not know it."""
+    saves = RunDirectory(place).saves if place.is_dir() else []
+    if not saves:
+        return ""
+    first, last = (file.stat().st_mtime for file in (saves[0], saves[-1]))
+    begin = datetime.fromtimestamp(first).strftime("%Y-%m-%d %H:%M")
+    return f"; written from {begin} on in {duration_text(max(last - first, 0))}"
+
+
+def listing(table: dict[str, Any]) -> str:
+    """Keys and values of a table in one line, those of tables in it too."""
+    words = []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            value = f"({listing(value)})"
+        elif isinstance(value, float):
+            value = f"{value:g}"
+        words.append(f"{key} {value}")
+    return ", ".join(words)
+
+
+def preset_text(numerics: dict[str, Any]) -> str:
+    """The preset that numerics are nearest to, and how they differ from it."""
+    said = {key: value for key, value in numerics.items() if key not in ANY_PRESET}
+    found = []
+    for name in PRESETS:
+        preset = asdict(Numerics.preset(name))
+        other = {key: value for key, value in said.items() if preset.get(key) != value}
+        found.append((name, other))
+    name, other = min(found, key=lambda pair: len(pair[1]))
+    return f"{name}, with {listing(other)}" if other else name
+
+
+def _cells(data: "xr.Dataset") -> Iterator[str]:
+    """A line for each cell that lives at the last save."""
+    last = data.isel(time=-1)
+    volumes, centroids = last["volume"].values, last["centroid"].values
+    alive = np.flatnonzero(np.isfinite(volumes))
+    gone = len(volumes) - len(alive)
+    yield f"{len(alive)} cells" + (f"; {gone} others have divided or are gone" if gone else "")
+    yield f"{'cell':10} {'type':8} {'volume um3':>11}   centroid um"
+    for k in alive.tolist():
+        name, kind = str(data["cell"].values[k]), str(last["type"].values[k]) or "-"
+        x, y, z = centroids[k]
+        yield f"{name:10} {kind:8} {volumes[k]:11.1f}   {x:.3f} {y:.3f} {z:.3f}"
