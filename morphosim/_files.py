@@ -154,9 +154,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def filling(directory: Path) -> Iterator[Path]:
-    """Folder for files that appear in an empty directory when this ends, all of them and on disk.
+    """Folder for files that appear in a directory when this ends, all of them and on disk.
 
-    If writing fails the directory is empty, or is not there, as it was before.
+    Files of the same names are replaced, others stay. If writing fails the directory is, or is not
+    there, as it was before.
 
     Raises
     ------
@@ -167,13 +168,12 @@ def filling(directory: Path) -> Iterator[Path]:
     partial = directory / PARTIAL
     try:
         with _naming(directory, partial):
+            shutil.rmtree(partial, ignore_errors=True)  # of a process that was killed
             partial.mkdir(parents=True)
             yield partial
             for path in partial.rglob("*"):
                 _sync(path)
-            for path in partial.iterdir():
-                path.replace(directory / path.name)
-            partial.rmdir()
+            _move(partial, directory)
             _sync(directory)
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
@@ -181,6 +181,16 @@ def filling(directory: Path) -> Iterator[Path]:
             with suppress(OSError):
                 directory.rmdir()
         raise
+
+
+def _move(source: Path, target: Path) -> None:
+    """Move a file or a folder; a folder that is there already takes what this one holds."""
+    if source.is_dir() and target.is_dir():
+        for path in source.iterdir():
+            _move(path, target / path.name)
+        source.rmdir()
+    else:
+        source.replace(target)
 
 
 def write_text(path: Path, text: str) -> None:
