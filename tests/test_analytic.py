@@ -225,6 +225,19 @@ def test_noise_makes_free_cells_diffuse(scheme: str) -> None:
     assert (moved**2).mean() == pytest.approx(limit, rel=3 * np.sqrt(2 / moved.size))
 
 
+@pytest.mark.parametrize(("start_S", "inertia"), [(None, 6.0), (1.5, 1.5), (0.0, 0.0)])
+def test_the_first_step_has_an_inertia_of_its_own(start_S: float | None, inertia: float) -> None:
+    dt, kappa = 0.25, 0.5
+    engine = make_engine(
+        [sphere(CENTER, 3.0, tail=1e-5)],
+        dt=dt, S=6.0, start_S=start_S, box_tolerance=1e-4, physics={"kappa": kappa},
+    )  # fmt: skip
+    begin = centroids(engine)
+    moved = centroids(advance(engine, 1)) - begin
+    expected = kappa * np.sqrt(dt) * drawn(engine, 0) / (TAU / dt + inertia + 0.8 * GAMMA)
+    np.testing.assert_allclose(moved, expected, atol=0.05 * np.abs(expected).max())
+
+
 # --- symmetries ----------------------------------------------------------------------------------
 
 MIXED = Attraction(types={("A", "B"): 0.8, ("B", "B"): 0.3}, pairs={("0", "1"): 0.5})

@@ -18,6 +18,7 @@ from morphosim import (
     Scene,
     Simulation,
     Sphere,
+    VolumeCourse,
 )
 from morphosim.measure.contacts import contact_areas
 
@@ -78,6 +79,38 @@ def test_noise_of_daughters_is_their_own() -> None:
     simulation.divide("m", ("a", "b"), axis=(0, 0, 1))
     simulation.divide("a", ("c", "d"), axis=(0, 1, 0))
     assert len(set(simulation.column("id").tolist())) == 4
+
+
+def test_noise_belongs_to_cells_wherever_they_stand_in_the_table() -> None:
+    fewer, all_of_them = (start(ball("m"), ball("n", 60.0), kappa=0.3) for _ in range(2))
+    fewer.remove(["m"])
+    for simulation in (fewer, all_of_them):
+        simulation.step(5)
+    np.testing.assert_array_equal(fewer.centroids[0], all_of_them.centroids[1])
+
+
+def test_names_do_not_come_again() -> None:
+    simulation = start(ball("m"), ball("n", 12.0))
+    simulation.divide("m", ("a", "b"), axis=(0, 0, 1))
+    simulation.remove(["a"])
+    for name in ("a", "m"):
+        with pytest.raises(ValueError, match=f"daughter '{name}' of 'n': a cell has or had this"):
+            simulation.divide("n", (name, "c"), axis=(0, 0, 1))
+    assert simulation.names == ["n", "b"]
+
+
+def test_courses_of_volumes_end_with_their_cells() -> None:
+    """By division, by removal, and by another volume."""
+    courses = VolumeCourse(times=[0, 100], volumes=[500, 700])
+    simulation = start(*(ball(name, 12.0 * k, volume=courses) for k, name in enumerate("mno")))
+    simulation.step(2)
+    now = simulation.targets[0]
+    assert 500 < now < 520
+    simulation.divide("m", ("a", "b"), axis=(0, 0, 1), fraction=0.4)
+    simulation.remove(["n"])
+    simulation.change_cells(["o"], volume=450.0)
+    simulation.step(5)
+    np.testing.assert_allclose(simulation.targets, [450, 0.4 * now, 0.6 * now], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -199,6 +232,23 @@ def test_a_change_of_cells_keeps_their_history() -> None:
     np.testing.assert_array_equal(changed.centroids, plain.centroids)
     changed.change_cells(["a"], frozen=True)
     assert changed.column("fresh").tolist() == [True, False]
+
+
+def test_other_physics_and_a_thaw_forget_the_history() -> None:
+    """The next step is of first order, for which nothing may be left of the one before."""
+
+    def remembers(simulation: Simulation) -> list[bool]:
+        pool = simulation.engine.pool
+        return [bool(pool.box(row, pool.history).any()) for row in range(len(simulation.names))]
+
+    simulation = start(ball("a"), ball("b", 9.5), sigma=0.5)
+    simulation.step(5)
+    assert remembers(simulation) == [True, True]
+    simulation.change_cells(["a"], frozen=True)
+    assert remembers(simulation) == [False, True]
+    simulation.change_physics(g=2.0)
+    assert remembers(simulation) == [False, False]
+    assert simulation.column("fresh").tolist() == [True, True]
 
 
 def test_changes_are_checked() -> None:
