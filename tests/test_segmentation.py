@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import tifffile
 import xarray as xr
 
 from morphosim import Division, Duration, EllipsoidShell, MaskWalls, Sphere, Stage
+from morphosim.importers.labels.image_axes import check_memory
 from morphosim.importers.labels.image_file import read_labels
 from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
 from morphosim.importers.labels.resampling import walls_around
@@ -135,8 +137,99 @@ def test_ome_tiff_that_does_not_say_all(tmp_path: Path) -> None:
 
 def test_channels_are_no_label_image(tmp_path: Path) -> None:
     path = write_ome(tmp_path / "c.ome.tif", TIMES.transpose(0, 3, 2, 1), "CZYX")
-    with pytest.raises(ValueError, match=r"shape \(2, 4, 3, 2\), with axes 'czyx'.*one channel"):
+    with pytest.raises(
+        ValueError, match=r"shape \(2, 4, 3, 2\), with axes CZYX.*the channel of the labels alone"
+    ):
         read_labels(path, spacing=1)
+
+
+@pytest.mark.parametrize(
+    ("axes", "text"),
+    [
+        ("TYX", r"axes TYX \(4 times\).*if these are z planes after all, give axes = 'zyx'"),
+        ("CYX", r"axes CYX \(4 channels\).*save the channel of the labels alone"),
+        ("TCYX", r"axes TCYX \(2 times, 2 channels\)"),
+        ("YX", r"axes YX \(one plane\): expected x, y, z"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["imagej", "ome", "plain"])
+def test_axes_that_a_tiff_file_states_hold(tmp_path: Path, kind: str, axes: str, text: str) -> None:
+    shape = {"TYX": (4, 3, 2), "CYX": (4, 3, 2), "TCYX": (2, 2, 3, 2), "YX": (12, 2)}[axes]
+    options = {} if kind == "plain" else {kind: True}
+    path = tmp_path / "a.tif"
+    write_tiff(path, LABELS.T.reshape(-1)[:np.prod(shape)].reshape(shape),
+               metadata={"axes": axes}, **options)  # fmt: skip
+    with pytest.raises(ValueError, match=text):
+        read_labels(path, spacing=1)
+    if len(axes) == 3:
+        assert_same(read_labels(path, spacing=1, axes="zyx"), 1)
+
+
+@pytest.mark.parametrize("shape", [(3, 2, 3), (4, 3, 2, 3), (2, 4, 3, 2, 4)])
+def test_colour_images_are_no_labels(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros(shape, np.uint8), photometric="rgb")
+    for time_index in (None, 0):
+        with pytest.raises(ValueError, match=r"is a colour image: axes Q*YXS, shape"):
+            read_labels(tmp_path / "a.tif", spacing=1, time_index=time_index)
+
+
+@pytest.mark.parametrize("unit", ["micron", "um", "\\u00B5m", "µm", "nm"])
+def test_stacks_of_imagej_say_their_voxels(tmp_path: Path, unit: str) -> None:
+    scale = 1000 if unit == "nm" else 1
+    name = "um" if unit == "µm" else unit  # tifffile writes ASCII
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(
+        path, LABELS.T, imagej=True, resolution=(5 / scale, 1 / (0.3 * scale)),
+        metadata={"axes": "ZYX", "spacing": 0.6 * scale, "unit": name},
+    )  # fmt: skip
+    if unit == "µm":  # as Fiji does in Latin-1
+        path.write_bytes(path.read_bytes().replace(b"unit=um", b"unit=\xb5m"))
+    assert_same(read_labels(path))
+
+
+def test_stacks_of_imagej_without_scale(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", LABELS.T, imagej=True, metadata={"axes": "ZYX"})
+    with pytest.raises(ValueError, match="size of its voxels along x, y, z; give spacing"):
+        read_labels(tmp_path / "a.tif")
+    tifffile.imwrite(tmp_path / "b.tif", LABELS.T, imagej=True, resolution=(5, 5),
+                     metadata={"axes": "ZYX", "unit": "parsec", "spacing": 1})  # fmt: skip
+    with pytest.raises(ValueError, match=r"unit of .*b\.tif = 'parsec' is not known"):
+        read_labels(tmp_path / "b.tif")
+    assert_same(read_labels(tmp_path / "b.tif", spacing=1), 1)
+
+
+def test_one_of_several_images_of_a_tiff_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.ome.tif"
+    with tifffile.TiffWriter(path) as file:
+        for name, step, values in (("raw", 1.0, LABELS + 9), ("labels", 0.5, LABELS)):
+            sizes = {f"PhysicalSize{axis}": step for axis in "XYZ"}
+            file.write(values.T, photometric="minisblack",
+                       metadata={"axes": "ZYX", "Name": name} | sizes)  # fmt: skip
+    text = r"holds 2 images: 0 'raw' \(ZYX, shape \(4, 3, 2\)\), 1 'labels' .*choose one by key"
+    with pytest.raises(ValueError, match=text):
+        read_labels(path)
+    for key in ("labels", "1"):
+        assert_same(read_labels(path, key=key), 0.5)
+    with pytest.raises(ValueError, match=r"image of .* = 'lables' is not known.*mean 'labels'"):
+        read_labels(path, key="lables")
+
+
+@pytest.mark.parametrize("kind", ["plain", "imagej", "ome", "zlib", "pages"])
+def test_tiff_files_cut_short_are_called_that(tmp_path: Path, kind: str) -> None:
+    values = np.random.default_rng(0).integers(0, 9, (6, 20, 20)).astype(np.uint16)
+    options = {"imagej": {"imagej": True}, "ome": {"ome": True}, "zlib": {"compression": "zlib"}}
+    path = tmp_path / "a.tif"
+    with tifffile.TiffWriter(path, **(options.get(kind, {}) if kind != "zlib" else {})) as file:
+        for part in values if kind == "pages" else [values]:
+            file.write(part, photometric="minisblack", contiguous=False,
+                       metadata=None if kind == "pages" else {"axes": "ZYX"},
+                       compression="zlib" if kind == "zlib" else None)  # fmt: skip
+    whole = path.read_bytes()
+    assert_same(read_labels(path, spacing=1), 1, values.T)
+    for kept in np.linspace(4, len(whole) - 20, 12).astype(int):  # some end in spare bytes
+        path.write_bytes(whole[:kept])
+        with pytest.raises(ValueError, match=r"a\.tif is cut short, or damaged: it ends at byte"):
+            read_labels(path, spacing=1)
 
 
 def test_numpy_files(tmp_path: Path) -> None:
@@ -154,6 +247,34 @@ def test_numpy_files(tmp_path: Path) -> None:
         read_labels(tmp_path / "two.npz", spacing=1, key="sag")
     with pytest.raises(ValueError, match=r"key = 'seg', but .* holds one array"):
         read_labels(tmp_path / "a.npy", spacing=1, key="seg")
+
+
+def huge_header(dtype: str = "<u2") -> bytes:
+    """An .npy file that says it holds 10¹⁵ values."""
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': (100000, 100000, 100000), }}"
+    text = text.ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode() + bytes(99)
+
+
+def test_numpy_files_that_say_too_much(tmp_path: Path) -> None:
+    (tmp_path / "a.npy").write_bytes(huge_header())
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("seg.npy", huge_header())
+    for name in ("a.npy", "a.npz"):
+        with pytest.raises(ValueError, match=r"cut short, or damaged: its header says 2000000000"):
+            read_labels(tmp_path / name, spacing=1)
+    with pytest.raises(ValueError, match=r"x says that it holds 1e\+09 GB.*GB of memory"):
+        check_memory("x", 10**18)
+
+
+def test_pickles_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "embryo_seg.npy"
+    np.save(path, {"masks": LABELS}, allow_pickle=True)
+    with pytest.raises(ValueError, match=r"holds Python objects.*cellpose's _seg\.npy, save its m"):
+        read_labels(path, spacing=1)
+    np.savez(tmp_path / "a.npz", masks=np.array([LABELS, None], object))
+    with pytest.raises(ValueError, match=r"a\.npz: masks holds Python objects"):
+        read_labels(tmp_path / "a.npz", spacing=1)
 
 
 def write_netcdf(path: Path, **changes: Any) -> Path:
@@ -193,6 +314,44 @@ def test_netcdf_with_other_names(tmp_path: Path) -> None:
     )
     with pytest.raises(ValueError, match="2 could be the labels"):
         read_labels(tmp_path / "b.nc", spacing=1)
+
+
+@pytest.mark.parametrize(
+    "encoding",
+    [
+        {"dtype": "i2", "_FillValue": -1},
+        {"dtype": "i4", "_FillValue": 0},
+        {"dtype": "f4", "_FillValue": np.nan},
+        {"dtype": "f8", "_FillValue": 1e20},
+        {"dtype": "i2", "scale_factor": 0.1, "add_offset": 7.0, "_FillValue": -999},
+        {"dtype": "f4", "missing_value": -5.0},
+    ],
+)
+def test_netcdf_values_are_unpacked_and_missing_ones_are_background(
+    tmp_path: Path, encoding: dict[str, Any]
+) -> None:
+    values = np.where(LABELS == 0, np.nan, LABELS)
+    data = xr.Dataset({"seg": (("x", "y", "z"), values), "raw": (("x", "y"), LABELS[..., 0])})
+    data.to_netcdf(tmp_path / "a.nc", encoding={"seg": encoding})
+    assert_same(read_labels(tmp_path / "a.nc", spacing=1), 1)
+
+
+def test_netcdf_dimensions_in_part(tmp_path: Path) -> None:
+    def written(*dims: str, **coords: Any) -> Path:
+        path = tmp_path / f"{'-'.join(dims)}.nc"
+        xr.Dataset({"seg": (dims, LABELS)}, coords=coords).to_netcdf(path)
+        return path
+
+    axes = {
+        name: (name, range(n), {"axis": axis})
+        for name, n, axis in zip("abc", (2, 3, 4), "XYZ", strict=True)
+    }
+    assert_same(read_labels(written("a", "b", "c", **axes), spacing=1), 1)
+    assert_same(read_labels(written("x", "y", "plane"), spacing=1), 1)
+    with pytest.raises(ValueError, match=r"axes XYT \(4 times\)"):
+        read_labels(written("x", "y", "time"), spacing=1)
+    with pytest.raises(ValueError, match=r"axes QYC \(4 channels\)"):
+        read_labels(written("w", "y", "channel"), spacing=1)
 
 
 @pytest.mark.parametrize(
@@ -363,15 +522,37 @@ def test_smoothing_suits_the_image() -> None:
 
 
 def test_an_image_without_background_or_without_cells() -> None:
-    full = LabelImage(labels=np.full((20, 20, 20), 7), spacing=0.5)
-    with pytest.warns(SegmentationWarning, match="border"):
-        assert import_labels(full).names == ["cell7"]
+    image = blocks(*TWO, shape=(30, 20, 20))
+    marked = LabelImage(labels=np.where(image.labels, image.labels, 7), spacing=0.5)
+    with pytest.raises(ValueError, match=r"no voxel .* is 0.* label 7 reaches all.*background = 7"):
+        import_labels(marked)
+    assert import_labels(marked, background=7, volumes="ball").names == ["cell3", "cell4"]
+    with pytest.raises(ValueError, match="background = 8, but no voxel"):
+        import_labels(marked, background=8)
+    halves = LabelImage(labels=np.repeat([[[1]], [[2]]], 10, axis=0), spacing=0.5)
+    halves = LabelImage(labels=np.broadcast_to(halves.labels, (20, 10, 10)), spacing=0.5)
+    with pytest.warns(SegmentationWarning) as told:
+        assert import_labels(halves, volumes="ball").names == ["cell1", "cell2"]
+    assert "all of it is taken as 2 cells" in str(told[0].message)
+    assert "cells at the border" in str(told[1].message)
+
+
+def test_holes_within_cells_are_filled() -> None:
+    image = blocks(*TWO)
+    image.labels[6:8, 8:10, 8:10] = 0  # a nucleus that was left out
+    image.labels[20:22, 8:11, 8:11] = 5  # a cell within a cell
+    with pytest.warns(SegmentationWarning, match=r"holes within labels are filled.*: 3 \(8\)$"):
+        cells = import_labels(image, volumes="voxels", least_voxels=8).cells
+    assert [cell.target_volume(0) for cell in cells] == [48, 48 - 18 / 8, 18 / 8]
+
+
+def test_an_image_without_cells() -> None:
     with pytest.raises(ValueError, match="no labels: all voxels are 0"):
         import_labels(LabelImage(labels=np.zeros((9, 9, 9), int), spacing=0.5))
 
 
 def test_path_and_names(tmp_path: Path) -> None:
-    path = write_tiff(tmp_path / "embryo.ome.tif", blocks(*TWO).labels.T.astype(np.uint8))
+    path = write_ome(tmp_path / "embryo.ome.tif", blocks(*TWO).labels.T.astype(np.uint8), "ZYX")
     scene = import_labels(path, spacing=0.5, names={3: "E", 9: "MS"})
     assert scene.name == "embryo"
     assert scene.names == ["E", "cell4"]

@@ -50,7 +50,9 @@ def import_labels(
         tuple[float, float, float] | None, typer.Option(help="first voxel's centre x y z, um")
     ] = None,
     axes: Annotated[str | None, typer.Option(help="order of the file's axes, as zyx")] = None,
-    key: Annotated[str | None, typer.Option(help="array of an .npz, variable of a .nc")] = None,
+    key: Annotated[
+        str | None, typer.Option(help="array of an .npz, variable of a .nc, image of a .tif")
+    ] = None,
     time_index: Annotated[int | None, typer.Option(help="which time, from 0")] = None,
     table: Annotated[
         Path | None,
@@ -69,6 +71,7 @@ def import_labels(
     ] = "surface",
     sigma: Annotated[float, typer.Option(help="attraction between all cells")] = 0.0,
     least_voxels: Annotated[int | None, typer.Option(help="refuse smaller labels")] = None,
+    background: Annotated[int, typer.Option(help="label of the background, besides 0")] = 0,
     relax: Annotated[
         float, typer.Option(help="first run all cells for this time; 10 suits frozen cells")
     ] = 0.0,
@@ -88,7 +91,8 @@ def import_labels(
     scene = read(
         labels, names=table, frozen=_names(frozen), active=_names(active) if active else None,
         confinement="image" if shell else None, physics=Physics(sigma=sigma), volumes=volumes,
-        least_voxels=least_voxels, name=image.name.partition(".")[0],
+        least_voxels=least_voxels, background=background,
+        name=image.name.partition(".")[0],
     )  # fmt: skip
     if relax:
         with compilation_told(remark):

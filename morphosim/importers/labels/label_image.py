@@ -1,7 +1,7 @@
 """Label images of segmented cells, and the voxels of each cell."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,14 @@ class LabelImage:
     def voxel(self) -> float:
         """Volume of a voxel, µm³."""
         return float(np.prod(self.steps))
+
+    def without(self, background: int) -> "LabelImage":
+        """Copy with the label of a background set to 0."""
+        _validate.integer("background", background, least=0)
+        if background and background not in self.labels:
+            message = f"background = {background}, but no voxel has this label"
+            raise ValueError(message)
+        return replace(self, labels=np.where(self.labels == background, 0, self.labels))
 
 
 def _whole_numbers(values: ArrayLike) -> NDArray[np.integer]:
@@ -104,19 +112,21 @@ def pieces_of(image: LabelImage, least_voxels: int) -> list[Piece]:
     Raises
     ------
     ValueError
-        There are no labels, or some have fewer than `least_voxels` or are in several pieces.
+        There are no labels, or some have fewer than `least_voxels` or are in several pieces; or no
+        voxel is 0 and a label reaches all faces of the image, as a background does.
 
     Warns
     -----
     SegmentationWarning
-        Loose voxels are left out.
+        Loose voxels are left out, holes are filled, or no voxel is the background.
     """
     from scipy.ndimage import find_objects
 
     values, dense = np.unique(image.labels, return_inverse=True)
     dense = dense.reshape(image.labels.shape)
-    if values[0] > 0:  # there is no background
+    if values[0] > 0:
         values, dense = np.concatenate([[0], values]), dense + 1
+        _tell_of_background(values, dense)
     if len(values) == 1:
         message = "the image has no labels: all voxels are 0; expected a label above 0 per cell"
         raise ValueError(message)
@@ -126,7 +136,26 @@ def pieces_of(image: LabelImage, least_voxels: int) -> list[Piece]:
         for k, (value, box) in enumerate(boxes, start=1)
     ]
     _check_sizes(pieces, least_voxels)
-    return _in_one_piece(pieces, dense.shape)
+    return _without_holes(_in_one_piece(pieces, dense.shape), dense)
+
+
+def _tell_of_background(values: NDArray[np.integer], dense: NDArray[np.integer]) -> None:
+    """Tell that no voxel is 0; ValueError if one of the labels plainly is the background."""
+    faces = [dense[(slice(None),) * axis + (end,)] for axis in range(3) for end in (0, -1)]
+    around = set.intersection(*(set(np.unique(face)) for face in faces))
+    if around:
+        label = values[min(around)]
+        message = (
+            f"no voxel of the image is 0, the background, and label {label} reaches all its "
+            f"faces. If that is the background, give background = {label}, else take an image "
+            "with a margin"
+        )
+        raise ValueError(message)
+    message = (
+        f"no voxel of the image is 0, the background: all of it is taken as {len(values) - 1} "
+        "cells. If one of the labels is the background, give it as background"
+    )
+    warnings.warn(message, SegmentationWarning, stacklevel=4)
 
 
 def _piece(label: int, mask: NDArray[np.bool_], first: ArrayLike, shape: tuple[int, ...]) -> Piece:
@@ -181,6 +210,38 @@ def _largest(piece: Piece, shape: tuple[int, ...]) -> Piece:
     box = find_objects(parts)[k]
     first = piece.first + [b.start for b in box]
     return _piece(piece.label, parts[box] == k + 1, first, shape)
+
+
+def _without_holes(pieces: list[Piece], dense: NDArray[np.integer]) -> list[Piece]:
+    """Pieces whose holes belong to them: voxels of the background within, such as a nucleus.
+
+    A hole in which there is a voxel of another label stays.
+    """
+    full = [_filled(piece, dense) for piece in pieces]
+    filled = {
+        before.label: after.count - before.count
+        for before, after in zip(pieces, full, strict=True)
+        if after is not before
+    }
+    if filled:
+        message = f"holes within labels are filled, with voxels of 0: {_counted(filled)}"
+        warnings.warn(message, SegmentationWarning, stacklevel=4)
+    return full
+
+
+def _filled(piece: Piece, dense: NDArray[np.integer]) -> Piece:
+    """A piece with its holes: itself, if it has none."""
+    from scipy.ndimage import label
+
+    outside, count = label(np.pad(~piece.mask, 1, constant_values=True))
+    if count == 1:
+        return piece
+    parts = outside[1:-1, 1:-1, 1:-1]
+    ends = piece.first + piece.mask.shape
+    box = dense[tuple(slice(a, b) for a, b in zip(piece.first, ends, strict=True))]
+    others = np.unique(parts[(box > 0) & ~piece.mask])
+    holes = (parts > 0) & ~np.isin(parts, [outside[0, 0, 0], *others])
+    return replace(piece, mask=piece.mask | holes) if holes.any() else piece
 
 
 def _counted(voxels: dict[int, int]) -> str:

@@ -57,6 +57,7 @@ def import_labels(
     volumes: str = "surface",
     smoothing: float | None = None,
     least_voxels: int | None = None,
+    background: int = 0,
     name: str | None = None,
 ) -> Scene:
     """Scene from a label image: each label is a cell, 0 is background.
@@ -94,6 +95,8 @@ def import_labels(
         See `Mask`; by default 2 µm, and at least two of the image's coarsest steps.
     least_voxels : int, optional
         Labels of fewer voxels are refused; by default as many as 27 lattice points fill.
+    background : int
+        A label that is the background too, besides 0.
     name : str, optional
         Name of the scene; by default the file name, or "scene".
 
@@ -112,7 +115,8 @@ def import_labels(
     Warns
     -----
     SegmentationWarning
-        A cell that is stepped is cut off by the border of the image; loose voxels are left out.
+        A cell that is stepped is cut off by the border of the image; loose voxels are left out;
+        holes within cells are filled; there is no background; cells could not be settled.
 
     Examples
     --------
@@ -121,6 +125,7 @@ def import_labels(
     """
     _validate.choice("volumes", volumes, VOLUMES)
     picture = _picture(image, spacing)
+    picture = picture.without(background) if background != 0 else picture
     physics = Physics() if physics is None else physics
     lattice = Numerics() if numerics is None else numerics
     pieces = pieces_of(picture, _least_voxels(least_voxels, picture, lattice.spacing))
