@@ -1,5 +1,6 @@
 """Functions and classes of a user's own, which files name as "module:name" or "file.py:name"."""
 
+import logging
 import sys
 from functools import reduce
 from importlib import import_module
@@ -8,7 +9,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+_log = logging.getLogger(__name__)
 MAIN = "__main__"
+IMPORTS = "the scene names code: importing %s"
 SCRIPTS = (MAIN, "__mp_main__")
 """What a script is called where it was started, and in the processes that it starts."""
 
@@ -58,11 +61,16 @@ def path_of(item: Any) -> str | None:
 
 
 def _module(name: str, folder: Path) -> ModuleType:
-    """Module of a name, or of a file: that which is loaded already, or it is loaded now."""
+    """Module of a name, or of a file: that which is loaded already, or it is loaded now.
+
+    What is loaded is told to the log.
+    """
     if not name:
         message = "there is no colon with a module before it"
         raise ImportError(message)
     if not name.endswith(".py"):
+        if name not in sys.modules:
+            _log.info(IMPORTS, name)
         return import_module(name)
     path = (folder / name).resolve()
     for module in list(sys.modules.values()):  # it may be the script that runs
@@ -72,6 +80,7 @@ def _module(name: str, folder: Path) -> ModuleType:
     if not path.exists():
         message = f"there is no file {path}"
         raise ImportError(message)
+    _log.info(IMPORTS, path)
     return _executed(path)
 
 

@@ -1,6 +1,7 @@
 """Triangle meshes of cells and of the shell around them, which every picture is made of."""
 
 import tomllib
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,18 +15,18 @@ from morphosim._extras import need
 from morphosim.cell_field import CellField
 from morphosim.measure.surfaces import cell_surface
 from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
+from morphosim.runs.shell import read_shell
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from morphosim.geometry.confinement import Confinement
 
-SHELL_POINTS = 60
-"""Points along the longest side of a shell."""
 SMOOTHINGS = 2
 """How often normals are averaged over the triangles around."""
 POINT = 1e-3
 """µm, corners nearer than this are one."""
+SHELL = "shell"
 SCENE_FILE, SCENE_TEXT = "scene.toml", "scene_toml"
 """Where a run directory and a packed run keep the scene."""
 
@@ -148,34 +149,16 @@ def mirrored(mesh: CellMesh) -> CellMesh:
     return replace(mesh, vertices=mesh.vertices * flip, faces=mesh.faces[:, ::-1])
 
 
-def shell_mesh(confinement: "Confinement", points: int = SHELL_POINTS) -> CellMesh:
-    """Surface of a confinement, where its depth is 0; plane walls are two triangles each.
-
-    Parameters
-    ----------
-    confinement : what `Scene.confinement` may be
-    points : int
-        Points along the longest side.
-    """
-    from skimage.measure import marching_cubes
-
+def shell_mesh(walls: "Confinement | CellMesh") -> CellMesh:
+    """Surface of a confinement, where its depth is 0; plane walls are two triangles each."""
     from morphosim.geometry.confinement import BoxWalls
+    from morphosim.geometry.confinement.surface import wall_surface
 
-    _validate.integer("points", points, least=8)
-    low, high = confinement.bounds()
-    if isinstance(confinement, BoxWalls):
-        return _box(low, high)
-    step = float((high - low).max()) / points
-    axes = [np.arange(a - 2 * step, b + 2.5 * step, step) for a, b in zip(low, high, strict=True)]
-    depth = confinement.depth(*np.meshgrid(*axes, indexing="ij", sparse=True))
-    vertices, faces, _, _ = marching_cubes(np.asarray(depth, np.float32), 0.0)
-    origin = np.array([axis[0] for axis in axes])
-    return CellMesh(
-        "shell",
-        "",
-        (vertices * step + origin).astype(np.float32),
-        np.asarray(faces[:, ::-1], np.int32),
-    )
+    if isinstance(walls, CellMesh):
+        return walls
+    if isinstance(walls, BoxWalls):
+        return _box(*walls.bounds())
+    return CellMesh(SHELL, "", *wall_surface(walls))
 
 
 def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> CellMesh:
@@ -191,24 +174,45 @@ def _box(low: NDArray[np.float64], high: NDArray[np.float64]) -> CellMesh:
             faces += (np.array(order) + 4 * len(vertices)).tolist()
             vertices.append(low + corner * (high - low))
     return CellMesh(
-        "shell", "", np.concatenate(vertices).astype(np.float32), np.array(faces, np.int32)
+        SHELL, "", np.concatenate(vertices).astype(np.float32), np.array(faces, np.int32)
     )
 
 
-def run_confinement(run: "xr.Dataset") -> "Confinement | None":
-    """Confinement of a run, from the scene that its directory or its packed file holds.
+def run_confinement(run: "xr.Dataset") -> "Confinement | CellMesh | None":
+    """What confines a run, or its surface, from what its directory or its packed file holds.
 
     None in open space, and where it is not known: a Dataset that is not of `open_run`, a scene
-    that a file cannot hold, a packed run whose confinement is an image, walls by a function that
-    cannot be imported here.
-    """
-    from morphosim.scene.file import confinement_of
+    that a file cannot hold. A run is data: no function or class that its scene names is imported.
 
+    Warns
+    -----
+    UserWarning
+        The scene says walls that cannot be drawn: by code, while the run was made before their
+        surface was kept (version 0.1), or by an image that is elsewhere.
+    """
     source = Path(run.encoding.get("source", ""))
     file = source / SCENE_FILE
     text = file.read_text("utf-8") if file.is_file() else run.attrs.get(SCENE_TEXT, "")
     try:
-        confinement: Confinement | None = confinement_of(tomllib.loads(text), source)
-    except (FileNotFoundError, ValueError):  # the image or the function is elsewhere
+        mesh = read_shell(source)
+        return _said_as_data(text, source) if mesh is None else CellMesh(SHELL, "", *mesh)
+    except (FileNotFoundError, ValueError) as error:
+        warnings.warn(f"the shell is not drawn: {error}", stacklevel=2)
         return None
+
+
+def _said_as_data(text: str, folder: Path) -> "Confinement | None":
+    """Confinement of a scene file, if that says it without naming code."""
+    from morphosim.geometry.confinement import CONFINEMENTS
+    from morphosim.scene.file import confinement_of
+    from morphosim.scene.objects import names_code
+
+    table = tomllib.loads(text)
+    if names_code(table.get("confinement"), CONFINEMENTS):
+        message = (
+            "the run does not hold its surface, and its scene names code, which reading a run does "
+            "not import"
+        )
+        raise ValueError(message)
+    confinement: Confinement | None = confinement_of(table, folder)
     return confinement

@@ -12,6 +12,7 @@ from morphosim.progress import Tell
 from morphosim.runs.directory import RunDirectory
 from morphosim.runs.netcdf_variables import create, pack_phi, write_texts
 from morphosim.runs.reader import read_run
+from morphosim.runs.shell import pack_shell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,6 +53,7 @@ def _write(run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
 
     with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
         file.setncatts(run.attrs)
+        pack_shell(files.path, file)
         if files.scene.exists():
             file.setncattr("scene_toml", files.scene.read_text(encoding="utf-8"))
         total, done = sum(variable.size for variable in run.variables.values()), 0

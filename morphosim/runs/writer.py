@@ -18,6 +18,7 @@ from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.netcdf_variables import stored_variables
 from morphosim.runs.observed import Observed
 from morphosim.runs.save_file import step_of, write_save
+from morphosim.runs.shell import write_shell
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import SAVE_FIELDS, Scene
 from morphosim.scene.stages import check_interval
@@ -194,8 +195,9 @@ class RunWriter:
             raise ValueError(message)
 
     def _write_scene(self, simulation: Observed) -> None:
-        """Scene file, where a file can say the scene."""
+        """Scene file, where a file can say the scene, and the shell to be drawn."""
         try:
+            write_shell(self.directory, simulation.scene.confinement)
             save_scene(simulation.scene, self.files.scene)
         except ValueError as error:
             _log.warning("%s is not written: %s", self.files.scene, error)

@@ -95,6 +95,15 @@ def named_in(table: Any, kinds: Mapping[str, type], where: str, folder: Path = P
     return _import_path.loaded(table["use"], f"{where}.use", folder)
 
 
+def names_code(table: Any, kinds: Mapping[str, type]) -> bool:
+    """Whether a table names a class or a function of a user's own, which `object_of` imports."""
+    if not isinstance(table, Mapping):
+        return False
+    cls = next((cls for kind, cls in kinds.items() if kind == table.get("kind")), None)
+    hints = _hints(cls).values() if cls else ()
+    return "use" in table or any(_may_be(hint, Callable) for hint in hints)
+
+
 def _value_of(value: Any, hint: Any, folder: Path, where: str, manner: Manner | None) -> Any:
     """Value of a field, as its class takes it."""
     if manner is not None and hint == manner.hint:

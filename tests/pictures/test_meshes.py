@@ -137,7 +137,8 @@ def test_the_confinement_needs_nothing_else_of_the_scene(tmp_path: Path) -> None
     np.testing.assert_array_equal(found.semi_axes, shell.semi_axes)
     elsewhere = text.replace('kind = "ellipsoid"', 'kind = "function"\nfunction = "nowhere:walls"')
     assert elsewhere != text
-    assert run_confinement(packed.assign_attrs(scene_toml=elsewhere)) is None
+    with pytest.warns(UserWarning, match="the shell is not drawn: .* names code"):
+        assert run_confinement(packed.assign_attrs(scene_toml=elsewhere)) is None
 
 
 @pytest.mark.parametrize(("time", "error"), [("now", TypeError), (float("nan"), ValueError)])

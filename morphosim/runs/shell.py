@@ -1,0 +1,79 @@
+"""The shell of a run as a mesh, so that it is drawn without the code that its scene may name."""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim._files import guarded, replacing
+from morphosim.geometry.confinement import BoxWalls, Confinement, EllipsoidShell
+from morphosim.geometry.confinement.surface import wall_surface
+
+FILE, GROUP = "shell.npz", "shell"
+"""Where a run directory and a packed run keep it."""
+Mesh = tuple[NDArray[np.float32], NDArray[np.int32]]
+"""Vertices (V, 3) in µm, and faces (F, 3)."""
+KINDS = {"vertices": "f4", "faces": "i4"}
+
+_log = logging.getLogger(__name__)
+
+
+def write_shell(directory: Path, confinement: Confinement | None) -> None:
+    """Write the surface of a confinement, unless a few numbers of the scene file say it.
+
+    One that has no surface is not drawn: a run does not end for a picture.
+    """
+    path = directory / FILE
+    path.unlink(missing_ok=True)
+    if confinement is None or isinstance(confinement, BoxWalls | EllipsoidShell):
+        return
+    try:
+        mesh = wall_surface(confinement)
+    except Exception as error:  # code of a user's own, which may not be made for this
+        _log.warning("pictures of %s will have no shell: %s", directory, error)
+        return
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, vertices=mesh[0], faces=mesh[1])
+
+
+def read_shell(source: Path) -> Mesh | None:
+    """Mesh of the shell that a run directory or a packed run holds; None if there is none.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged.
+    """
+    file = source / FILE if source.is_dir() else source
+    read = _of_directory if source.is_dir() else _of_packed
+    return guarded(file, lambda: read(file)) if file.is_file() else None
+
+
+def pack_shell(directory: Path, file: Any) -> None:
+    """Copy the mesh of a run directory to a netCDF file that is open."""
+    mesh = read_shell(directory)
+    if mesh is None:
+        return
+    group = file.createGroup(GROUP)
+    for (name, kind), values in zip(KINDS.items(), mesh, strict=True):
+        dims = (f"{name}_count", f"{name}_of")
+        for dimension, size in zip(dims, values.shape, strict=True):
+            group.createDimension(dimension, size)
+        group.createVariable(name, kind, dims, zlib=True, complevel=1)[:] = values
+
+
+def _of_directory(path: Path) -> Mesh:
+    with np.load(path, allow_pickle=False) as file:
+        return file["vertices"], file["faces"]
+
+
+def _of_packed(path: Path) -> Mesh | None:
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        if GROUP not in file.groups:
+            return None
+        vertices, faces = (np.asarray(file[GROUP][name][:]) for name in KINDS)
+        return vertices, faces
