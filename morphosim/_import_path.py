@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 _log = logging.getLogger(__name__)
+_log.setLevel(logging.INFO)  # also where the command line shows warnings alone
 MAIN = "__main__"
 IMPORTS = "the scene names code: importing %s"
 SCRIPTS = (MAIN, "__mp_main__")

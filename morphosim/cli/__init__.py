@@ -1,6 +1,5 @@
 """Command line: `morphosim COMMAND --help` tells what each command takes."""
 
-import logging
 import signal
 import sys
 import warnings
@@ -15,8 +14,6 @@ def main() -> None:
     # A batch system that ends a job stops it as Ctrl-C does: the state is saved.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     warnings.formatwarning = lambda message, *_, **__: f"warning: {printable(str(message))}\n"
-    logging.basicConfig(format="%(message)s")
-    logging.getLogger("morphosim").setLevel(logging.INFO)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a console that lacks a letter is no error
             stream.reconfigure(errors="replace")
