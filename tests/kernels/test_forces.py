@@ -145,13 +145,20 @@ def of_all(values, phi, gx, gy, gz, laplacian):  # type: ignore[no-untyped-def]
     return values[0] * phi + 2 * gx + 3 * gy + 5 * gz + values[1] * laplacian
 
 
+@point_force
+def constant(values, phi, gx, gy, gz, laplacian):  # type: ignore[no-untyped-def]
+    return values[0]
+
+
 @pytest.mark.parametrize("order", [2, 4, 6])
-def test_a_force_at_points_gets_the_field_its_gradient_and_its_laplacian(order: int) -> None:
+def test_forces_at_points_get_the_field_its_gradient_and_its_laplacian(order: int) -> None:
+    """Each with its own values."""
     boxes, pool = make_boxes(seed=6)
     phi, rhs = loaded(boxes, CELL, pool), empty_frame(boxes, CELL)
     values = np.random.default_rng(8).random((len(boxes.start), 2))
     terms = make_terms(len(boxes.start), drift=False)
-    terms = terms._replace(points=records([(of_all, values)], np.dtype(float)))
+    parts = [(constant, np.full((len(values), 1), 0.7)), (of_all, values)]
+    terms = terms._replace(points=records(parts, np.dtype(float)))
     taken(right_hand_side, "python")(
         CELL, boxes, False, terms, None, phi, None, rhs, None, None, make_stencil(order),
         Scheme(*map(np.float64, (1, 0, 1, 0, 0, 0, 0))), np.float64(0.5), None,
@@ -163,7 +170,7 @@ def test_a_force_at_points_gets_the_field_its_gradient_and_its_laplacian(order: 
     laplacian = grid(flat_laplacian(phi, boxes, CELL, order), boxes, CELL)
     expected = empty_frame(boxes, CELL)
     grid(expected, boxes, CELL)[:] = (
-        plain + values[CELL, 0] * wide + 2 * slope[0] + 3 * slope[1] + 5 * slope[2]
+        plain + 0.7 + values[CELL, 0] * wide + 2 * slope[0] + 3 * slope[1] + 5 * slope[2]
         + values[CELL, 1] * laplacian
     )  # fmt: skip
     assert np.isfinite(rhs[runs]).all()

@@ -113,6 +113,17 @@ def test_a_changed_array_gives_another_name() -> None:
     assert made(by_array).name == before != after
 
 
+def test_a_changed_number_in_its_code_gives_another_name() -> None:
+    """As when a script that has run is edited and run again."""
+    forces = [
+        made(lambda values, phi, gx, gy, gz, laplacian: 2.0 * phi),
+        made(lambda values, phi, gx, gy, gz, laplacian: 3.0 * phi),
+    ]
+    codes = {force.function.__code__.co_code for force in forces}
+    assert len(codes) == 1, "they differ in more than a number"
+    assert forces[0].name != forces[1].name
+
+
 def test_a_changed_default_gives_another_name() -> None:
     def forced(k: float, keyword: float) -> PointForce:
         def helper(x, k=k, *, keyword=keyword):  # type: ignore[no-untyped-def]
