@@ -117,8 +117,8 @@ def progress_line() -> Iterator[TellWhat]:
         if bar.shown:
             bar.update(completed=done, total=of)
         elif pace.due():
-            spent = time.monotonic() - start
-            left = f", {duration_text(spent / (done - first) * (of - done))} left" * (done > first)
+            spent, share = time.monotonic() - start, (done - first) / max(of - first, 1)
+            left = f", {duration_text(spent / share - spent)} left" if share > 0 else ""
             tell_line(f"{what}: {done} of {of}{left}")
 
     try:

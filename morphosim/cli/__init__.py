@@ -14,8 +14,8 @@ def main() -> None:
     # A batch system that ends a job stops it as Ctrl-C does: the state is saved.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     warnings.formatwarning = lambda message, *_, **__: f"warning: {printable(str(message))}\n"
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a console that lacks a letter is no error
+    for stream in (sys.stdout, sys.stderr):  # a console that lacks a letter is no error
+        if hasattr(stream, "reconfigure") and not stream.closed:
             stream.reconfigure(errors="replace")
     try:
         app(prog_name="morphosim")

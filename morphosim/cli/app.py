@@ -87,7 +87,8 @@ def _speaking(quiet: bool, verbose: bool) -> Iterator[None]:
     logger, handler = logging.getLogger("morphosim"), _Handler()
     before = logger.level
     logger.addHandler(handler)
-    logger.setLevel(logging.INFO if verbose else logging.WARNING)
+    told = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
+    logger.setLevel(told)
     voice.quiet, voice.verbose = quiet, verbose
     try:
         yield

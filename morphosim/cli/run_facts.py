@@ -96,7 +96,8 @@ def _cells(data: "xr.Dataset") -> Iterator[str]:
     volumes, centroids = last["volume"].values, last["centroid"].values
     alive = np.flatnonzero(np.isfinite(volumes))
     gone = len(volumes) - len(alive)
-    yield f"{len(alive)} cells" + (f"; {gone} others have divided or are gone" if gone else "")
+    cells = "1 cell" if len(alive) == 1 else f"{len(alive)} cells"
+    yield cells + (f"; {gone} that were there before have divided or are gone" if gone else "")
     yield f"{'cell':10} {'type':8} {'volume um3':>11}   centroid um"
     for k in alive.tolist():
         name, kind = str(data["cell"].values[k]), str(last["type"].values[k]) or "-"

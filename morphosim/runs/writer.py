@@ -223,7 +223,7 @@ class RunWriter:
         except (OSError, VariableError) as error:
             self._failed = True
             raise self._error(simulation, error) from error
-        _log.info("saved t = %g in %s", simulation.time, self.files.save(number))
+        _log.debug("saved t = %g in %s", simulation.time, self.files.save(number))
         self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
         self._number, self._saved = number, simulation.steps
         self._told.append((simulation.steps, len(simulation.events)))

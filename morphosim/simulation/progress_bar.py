@@ -43,7 +43,7 @@ class ProgressBar:
         """Begin to draw."""
         self._draws = self._bar.shown and not self.quiet
         if self._draws:
-            what = f"{simulation.scene.name}, {len(simulation.cells)} cells"
+            what = f"{simulation.scene.name}, {_count(len(simulation.cells))}"
             self._bar.begin(what, self.until, simulation.time, speed="first step")
         self._told = len(simulation.events)
         self._pace = Pace()
@@ -85,7 +85,7 @@ class ProgressBar:
             words.append(f"stage {simulation.stage!r} ({number} of {len(scene.stages)})")
         else:
             words[0] += f" of {self.until:g}"
-        words.append(f"{len(simulation.names)} cells")
+        words.append(_count(len(simulation.names)))
         lapse = simulation.time - self._since
         if self.steps and lapse > 0:
             words.append(f"{self.steps / self.seconds:.3g} steps/s")
@@ -93,3 +93,7 @@ class ProgressBar:
                 left = self.seconds / lapse * (self.until - simulation.time)
                 words.append(f"{duration_text(left)} left")
         return ", ".join(words)
+
+
+def _count(cells: int) -> str:
+    return "1 cell" if cells == 1 else f"{cells} cells"
