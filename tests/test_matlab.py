@@ -14,6 +14,7 @@ from scipy.io import savemat
 
 from morphosim import Field, Mask
 from morphosim.geometry.eggshell import EGGSHELL
+from morphosim.importers.matlab import mat_file
 from morphosim.importers.matlab.scene import import_matlab
 from morphosim.physics.parameters import Physics
 
@@ -464,6 +465,17 @@ def test_files_of_another_kind(tmp_path: Path, masks: Path, table: Path, name: s
         import_matlab(start, names)
 
 
+def test_a_damaged_byte_ends_the_reader_alone(tmp_path: Path, table: Path) -> None:
+    path = write_masks(tmp_path / "bad.mat")
+    whole = path.read_bytes()
+    for place in (193, 233):  # a type within an array that is none: SciPy takes it as an index
+        path.write_bytes(whole[:place] + b"\xed" + whole[place + 1 :])
+        with pytest.raises(ValueError, match=r"bad\.mat cannot be read .* may be damaged"):
+            import_matlab(path, table)
+    path.write_bytes(whole)
+    assert import_matlab(path, table).names == NAMES
+
+
 @pytest.mark.parametrize(
     ("package", "kind"), [("h5py", "mat"), ("openpyxl", "xlsx"), ("xlrd", "xls")]
 )
@@ -476,6 +488,7 @@ def test_missing_packages(
     elif kind == "xlsx":
         table = write_xlsx(tmp_path / "table.xlsx")
     monkeypatch.setitem(sys.modules, package, None)
+    monkeypatch.setattr(mat_file, "isolated", lambda read, *arguments: read(*arguments))
     with pytest.raises(ImportError, match=rf"{package}; try: pip install 'morphosim\[matlab\]'"):
         import_matlab(masks, table)
 

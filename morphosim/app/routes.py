@@ -137,9 +137,9 @@ def _upload_handler(store: Store) -> Handler:
 
     async def handle(request: web.Request) -> web.StreamResponse:
         try:
-            with store.receiving(request.match_info["name"]) as (name, file):
+            with store.receiving(request.match_info["name"]) as (name, write):
                 async for chunk in request.content.iter_chunked(1 << 20):
-                    file.write(chunk)
+                    write(chunk)
         except (ValueError, OSError) as error:
             return web.Response(status=400, text=str(error))
         return web.Response(text=name)

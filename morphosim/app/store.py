@@ -1,11 +1,10 @@
 """The folder that the application was started in: it reads and writes nothing outside of it."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 from morphosim._files import replacing
 from morphosim.runs.directory import RunDirectory
@@ -18,6 +17,8 @@ UPLOADS = "imports"
 """Folder of files that come from the browser."""
 MASKS, TABLES = (".mat",), (".xls", ".xlsx", ".csv")
 IMAGES = (".tif", ".tiff", ".npy", ".npz", ".nc")
+LARGEST_UPLOAD = 4 * 2**30
+"""Largest file that is taken from the browser, bytes."""
 UPLOAD_SUFFIXES = (*MASKS, *IMAGES, *TABLES)
 
 
@@ -107,13 +108,13 @@ class Store:
         return place
 
     @contextmanager
-    def receiving(self, name: str) -> Iterator[tuple[str, BinaryIO]]:
-        """Name below the folder, and the open file, of a file that comes from the browser.
+    def receiving(self, name: str) -> Iterator[tuple[str, Callable[[bytes], None]]]:
+        """Name below the folder of a file that comes from the browser, and what takes its parts.
 
         Raises
         ------
         ValueError
-            It is not a file that the application can read.
+            It is not a file that the application can read, or larger than `LARGEST_UPLOAD`.
         """
         plain = Path(name.replace("\\", "/")).name
         if Path(plain).suffix.lower() not in UPLOAD_SUFFIXES:
@@ -121,8 +122,19 @@ class Store:
             raise ValueError(message + ", ".join(UPLOAD_SUFFIXES))
         place = self.free(f"{UPLOADS}/{plain}")
         place.parent.mkdir(exist_ok=True)
+        received = 0
         with replacing(place) as partial, partial.open("wb") as file:
-            yield self.name(place), file
+
+            def write(part: bytes) -> None:
+                nonlocal received
+                received += len(part)
+                if received > LARGEST_UPLOAD:
+                    message = f"file {name!r} is larger than {LARGEST_UPLOAD / 2**30:g} GiB, the "
+                    message += f"most that a browser may send; copy it into {self.root} instead"
+                    raise ValueError(message)
+                file.write(part)
+
+            yield self.name(place), write
 
     def name(self, path: Path) -> str:
         """Name of a path below the folder."""

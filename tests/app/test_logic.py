@@ -95,12 +95,20 @@ def test_names_of_runs_and_files(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="not empty"):
         store.new_run("runs/a")
     assert store.name(store.free("runs/a")) == "runs/a-2"
-    with store.receiving("../../up.mat") as (name, file):
-        file.write(b"abc")
+    with store.receiving("../../up.mat") as (name, write):
+        write(b"abc")
     assert (tmp_path / name).read_bytes() == b"abc"
     assert name == "imports/up.mat"
     with pytest.raises(ValueError, match="ending that is not known"), store.receiving("x.exe"):
         pass
+
+
+def test_uploads_have_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "LARGEST_UPLOAD", 2**20)
+    text = r"file 'big\.npy' is larger than 0\.000976562 GiB, .*copy it into .* instead"
+    with pytest.raises(ValueError, match=text), Store(tmp_path).receiving("big.npy") as (_, write):
+        write(bytes(2**20 + 1))
+    assert not any((tmp_path / "imports").iterdir())
 
 
 def test_runs_that_would_not_be_listed_are_refused(tmp_path: Path) -> None:

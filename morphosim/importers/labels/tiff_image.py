@@ -42,7 +42,8 @@ def read_tiff(path: Path, wanted: Wanted) -> Found:
         k = _chosen(path, series, wanted.key)
         where = str(path) if len(series) == 1 else f"{path}, image {k}"
         chosen = series[k]
-        _check_data(where, chosen, path.stat().st_size)
+        pages = guarded(path, lambda: list(chosen.pages))
+        _check_data(where, chosen, pages, path.stat().st_size)
         said = "".join(UNKNOWN if a in PLANAR else a for a in chosen.axes.lower())
         letters = letters_of(where, chosen.shape, said, "zyx", wanted)
         values = guarded(path, lambda: _values(path, chosen))
@@ -130,12 +131,12 @@ def _ends(file: BinaryIO) -> Iterator[int]:
         offset = read(number)
 
 
-def _check_data(where: str, series: Any, size: int) -> None:
+def _check_data(where: str, series: Any, pages: Sequence[Any], size: int) -> None:
     """Raise ValueError if the planes of an image are not all there, or more than fit in memory."""
     check_memory(where, series.nbytes)
     if series.dataoffset is not None:
         _check_end(where, series.dataoffset + series.nbytes, size)
-    for page in series.pages:
+    for page in pages:
         if page is None:
             message = f"{where} lacks planes of its {series.shape[0]}; it may be cut short, or "
             raise ValueError(message + "a part of several files")
