@@ -105,10 +105,18 @@ def toml_table(path: Path, what: str) -> dict[str, Any]:
     if not path.is_file():
         message = f"{what} {path} does not exist"
         raise FileNotFoundError(message)
+    return toml_of(read_text(path), str(path))
+
+
+def toml_of(text: str, where: str) -> dict[str, Any]:
+    """Content of a text in TOML; ValueError if it is none, or nested too deeply."""
     try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        message = f"{path} is not a TOML file: {error}"
+        return tomllib.loads(text)
+    except RecursionError as error:
+        message = f"{where} has more brackets within brackets than can be read"
+        raise ValueError(message) from error
+    except ValueError as error:  # integers of thousands of digits too
+        message = f"{where} is not a TOML file: {error}"
         raise ValueError(message) from error
 
 

@@ -2,13 +2,14 @@
 
 import sys
 import time
-import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from morphosim import _validate
 
 Tell = Callable[[int, int], None]
 """Told how much of something is done, and of how much."""
@@ -32,8 +33,7 @@ def tell_line(text: str) -> None:
 def printable(text: str) -> str:
     """Text without characters that do things to a terminal; lines and tabs stay."""
     return "".join(
-        c if c in "\n\t" or unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}"
-        for c in text
+        c if c in "\n\t" or _validate.is_printable(c) else "\N{REPLACEMENT CHARACTER}" for c in text
     )
 
 

@@ -1,11 +1,15 @@
 """What computes: processor, system and library versions, as results and runs record them."""
 
+import math
+import os
 import platform
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 LIBRARIES = ("morphosim", "numpy", "scipy", "numba", "netCDF4", "xarray")
 
 
@@ -24,6 +28,20 @@ def processor() -> str:
         if names:
             return f"{len(names)} x {names[0].partition(':')[2].strip()}"
     return platform.processor() or platform.machine()
+
+
+@cache
+def memory() -> float:
+    """Bytes of memory that a process may use: of the machine, or of its container if that is less.
+
+    Infinite where the system does not tell.
+    """
+    found = [math.inf]
+    with suppress(AttributeError, OSError, ValueError):  # as on Windows
+        found.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    with suppress(OSError, ValueError):  # no container, or "max"
+        found.append(int(CONTAINER_LIMIT.read_text()))
+    return float(min(found))
 
 
 def machine() -> dict[str, Any]:

@@ -132,17 +132,20 @@ def test_divisions_that_cannot_be(options: dict, error: str) -> None:
     ("options", "error"),
     [
         ({"axis": (0, 0, 0)}, "has no direction"),
-        ({"daughters": ("a",)}, "expected two names"),
+        ({"daughters": ("a",)}, "expected 2 texts, not 1"),
         ({"daughters": ("a", "a")}, "occurs twice"),
         ({"daughters": ("m", "b")}, "occurs twice"),
         ({"fraction": 0.0}, "fraction = 0.0 is not allowed"),
         ({"volumes": (1.0, -1.0)}, "volumes = -1.0 is not allowed"),
-        ({"volumes": (1.0,)}, r"volumes = \(1.0,\); expected one for each"),
-        ({"types": "xy"}, "types = 'xy'; expected one for each"),
+        ({"volumes": (1.0,)}, r"volumes = \(1.0,\); expected 2 numbers, not 1"),
+        ({"types": "xy"}, "types = 'xy' is not a list of texts"),
+        ({"types": [1, 2]}, r"types\[0\] = 1; expected a text"),
+        ({"daughters": "xy"}, "daughters = 'xy' is not a list of texts"),
+        ({"cell": "m\0"}, "control character"),
     ],
 )
 def test_divisions_are_checked_when_made(options: dict, error: str) -> None:
-    with pytest.raises(ValueError, match=error):
+    with pytest.raises((TypeError, ValueError), match=error):
         Division(**({"cell": "m", "daughters": ("a", "b"), "axis": (0, 0, 1)} | options))
 
 

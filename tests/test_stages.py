@@ -281,7 +281,7 @@ def test_a_stage_that_goes_back_keeps_changes_before(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ('end = {kind = "steady"}', "needs a name and an end"),
+        ('end = {kind = "steady"}', "'name' is missing"),
         ('name = "s"\nend = {kind = "stedy"}', "did you mean 'steady'"),
         ('name = "s"\nend = {kind = "duration", time = -1}', "duration = -1"),
         ('name = "s"\nend = "steady"', "expected a table with a kind"),

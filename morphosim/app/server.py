@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from morphosim import _validate
 from morphosim.app.access import PARAMETER, Access
 from morphosim.app.lower import STATE as LOWER_STATE
 from morphosim.app.lower import Lower
@@ -191,6 +192,9 @@ def serve(
     ------
     FileNotFoundError
         The folder does not exist.
+    ValueError
+        The port is none.
     """
+    _validate.integer("port", port, least=0, most=65535)
     store = Store(Path(folder))
     Application(store, Access.of_host(host, token)).serve(host, port, tell, open_browser)

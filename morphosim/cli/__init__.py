@@ -5,7 +5,7 @@ import sys
 import warnings
 
 from morphosim.cli import compute, data, imports, pictures, serve, sweep  # noqa: F401  (each adds its commands)
-from morphosim.cli.app import INPUT_ERROR, INPUT_ERRORS, app
+from morphosim.cli.app import INPUT_ERROR, INPUT_ERRORS, UNCHECKED, app
 from morphosim.progress import printable, tell_line
 
 
@@ -20,5 +20,17 @@ def main() -> None:
     try:
         app(prog_name="morphosim")
     except INPUT_ERRORS as error:
-        tell_line(f"error: {error}")
-        sys.exit(INPUT_ERROR)
+        _end(str(error))
+    except MemoryError as error:
+        _end(f"there is not enough memory ({error or 'none can be had'}); take less at a time")
+    except UNCHECKED as error:
+        _end(
+            f"{type(error).__name__}: {error}. This comes from a value that MorphoSim should have "
+            "checked: please report it. With --verbose it is told where it arises"
+        )
+
+
+def _end(text: str) -> None:
+    """End the command with an error of one line."""
+    tell_line(f"error: {' '.join(text.split())}")
+    sys.exit(INPUT_ERROR)

@@ -24,6 +24,8 @@ app = typer.Typer(
 INPUT_ERROR, RUN_ERROR, INTERRUPTED = 2, 1, 130
 INPUT_ERRORS = (ValueError, TypeError, OSError, ImportError, SimulationError)
 """Errors that are told in one line."""
+UNCHECKED = (ArithmeticError, LookupError, RecursionError)
+"""What Python raises for a value that nothing has checked."""
 
 
 @dataclass(slots=True)
@@ -92,7 +94,7 @@ def _speaking(quiet: bool, verbose: bool) -> Iterator[None]:
     voice.quiet, voice.verbose = quiet, verbose
     try:
         yield
-    except INPUT_ERRORS:
+    except (*INPUT_ERRORS, *UNCHECKED, MemoryError):
         if verbose:
             tell_line(traceback.format_exc().rstrip())
         raise

@@ -1,14 +1,13 @@
 """Commands that compute: `scenes`, `run`, `bench`."""
 
 import json
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from morphosim._files import check_free, writable, write_text
+from morphosim._files import check_free, toml_of, writable, write_text
 from morphosim.cli.app import (
     INTERRUPTED,
     RUN_ERROR,
@@ -169,11 +168,17 @@ def _overrides(settings: list[str]) -> dict[str, Any]:
         if not equals:
             message = f"--set {setting!r}: expected key=value, such as physics.gamma=0.3"
             raise ValueError(message)
-        try:
-            result[key.strip()] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            result[key.strip()] = text
+        result[key.strip()] = _value(text)
     return result
+
+
+def _value(text: str) -> Any:
+    """Value that a text says in TOML, or the text."""
+    try:
+        table = toml_of(f"value = {text}", "--set")
+    except ValueError:
+        return text
+    return table["value"] if len(table) == 1 else text
 
 
 def _check_resume(others: list[Any], overrides: dict[str, Any]) -> None:

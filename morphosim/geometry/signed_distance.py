@@ -5,7 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.provenance import memory
+
 Floats = NDArray[np.float64]
+BYTES = 40
+"""Memory that a voxel takes: two distances, their indices, a blur."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +44,17 @@ class Image:
         return self.origin + voxels.min(0) * self.steps, self.origin + voxels.max(0) * self.steps
 
 
+def _check_memory(shape: NDArray[np.int64], steps: Floats) -> None:
+    """Raise ValueError if distances in an image of this shape do not fit into memory."""
+    needed = BYTES * float(shape.astype(float).prod())
+    if needed > memory():
+        message = (
+            f"an image of voxels of {steps.tolist()} µm would take {needed / 1e9:.3g} GB of memory "
+            f"with what lies around it; there are {memory() / 1e9:.3g} GB. Take coarser voxels"
+        )
+        raise ValueError(message)
+
+
 def depth_image(
     mask: NDArray[np.bool_], origin: Floats, steps: Floats, reach: float, smoothing: float = 0.0
 ) -> Image:
@@ -63,6 +78,7 @@ def depth_image(
     first, last = voxels.min(0), voxels.max(0) + 1
     window = 2 * np.floor(smoothing / (2 * steps) + 0.25).astype(int) + 1
     pad = int(np.ceil(reach / steps.min())) + int(window.max()) // 2 + 2
+    _check_memory(last - first + 2 * pad, steps)
     padded = np.pad(mask[tuple(map(slice, first, last))], pad)
     half = 0.5 * steps.min()
     inside = distance_transform_edt(padded, sampling=steps)

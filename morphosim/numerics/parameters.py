@@ -15,6 +15,7 @@ PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
 WALLS = ("resolved", "stepped")
+MOST_SWEEPS, LARGEST_SEED = 1000, 2**64 - 1
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
     "fast": {"solver": "band"},
@@ -71,7 +72,7 @@ class Numerics:
         Number of threads; 0 takes all the processors available, at most NUMBA_NUM_THREADS. The
         result does not depend on it.
     seed : int
-        Seed of the motility noise.
+        Seed of the motility noise, below 2⁶⁴.
     allow_coarse : bool
         Whether to run where the lattice does not resolve the interface.
 
@@ -105,7 +106,7 @@ class Numerics:
         if self.start_S is not None:
             _validate.number("numerics.start_S", self.start_S, least=0)
         _validate.choice("numerics.solver", self.solver, SOLVERS)
-        _validate.integer("numerics.sweeps", self.sweeps, least=2)
+        _validate.integer("numerics.sweeps", self.sweeps, least=2, most=MOST_SWEEPS)
         _validate.number("numerics.spacing", self.spacing, above=0)
         _validate.choice("numerics.order", self.order, (2, 4, 6))
         _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
@@ -114,7 +115,7 @@ class Numerics:
         _validate.choice("numerics.precision", self.precision, PRECISIONS)
         _validate.choice("numerics.transform", self.transform, TRANSFORMS)
         _validate.integer("numerics.threads", self.threads, least=0)
-        _validate.integer("numerics.seed", self.seed, least=0)
+        _validate.integer("numerics.seed", self.seed, least=0, most=LARGEST_SEED)
         _validate.flag("numerics.allow_coarse", self.allow_coarse)
 
     @classmethod

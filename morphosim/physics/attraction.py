@@ -65,8 +65,10 @@ class Attraction(Term):
             _validate.instance(f"sigma.{label}", table, Mapping)
             for key, value in table.items():
                 if not isinstance(key, tuple) or len(key) != 2:
-                    message = f"sigma.{label} has the key {key!r}; expected a pair of names"
-                    raise ValueError(message)
+                    message = f"sigma.{label} has the key {_validate.brief(key)}; expected a pair "
+                    raise ValueError(f"{message}of names")
+                for name in key:
+                    _validate.label(f"sigma.{label}: name", name, empty=label == "types")
                 _validate.number(f"sigma.{label}[{key[0]!r}, {key[1]!r}]", value, least=0)
 
     @classmethod
@@ -80,6 +82,7 @@ class Attraction(Term):
         ValueError
             The matrix is not square, its size is not that of `names`, or an entry is negative.
         """
+        names = _validate.labels("names", names)
         _validate.unique("cell name", names)
         sigma = _validate.array("sigma", matrix, (len(names), len(names)))
         off_diagonal = sigma[~np.eye(len(names), dtype=bool)]

@@ -41,6 +41,7 @@ class Motility(Term):
         _validate.number("physics.kappa", self.kappa, least=0)
         _validate.instance("physics.kappa_by_type", self.kappa_by_type, Mapping)
         for kind, kappa in self.kappa_by_type.items():
+            _validate.label("physics.kappa_by_type: type", kind, empty=True)
             _validate.number(f"physics.kappa_by_type[{kind!r}]", kappa, least=0)
 
     @property

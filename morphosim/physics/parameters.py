@@ -69,10 +69,10 @@ class Physics:
         if not isinstance(self.sigma, Attraction):
             value = _validate.number("physics.sigma", self.sigma, least=0)
             object.__setattr__(self, "sigma", Attraction(default=value))
-        _validate.instance("physics.terms", self.terms, Sequence)
-        for k, term in enumerate(self.terms):
+        terms = _validate.several("physics.terms", self.terms, "force terms")
+        for k, term in enumerate(terms):
             _validate.instance(f"physics.terms[{k}]", term, Term)
-        object.__setattr__(self, "terms", tuple(self.terms))
+        object.__setattr__(self, "terms", terms)
         self._check_columns()  # and each of `all_terms` its own parameters
 
     def _check_columns(self) -> None:

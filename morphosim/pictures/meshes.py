@@ -1,6 +1,5 @@
 """Triangle meshes of cells and of the shell around them, which every picture is made of."""
 
-import tomllib
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim._extras import need
+from morphosim._files import toml_of
 from morphosim.cell_field import CellField
 from morphosim.measure.surfaces import cell_surface
 from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
@@ -207,7 +207,7 @@ def _said_as_data(text: str, folder: Path) -> "Confinement | None":
     from morphosim.scene.file import confinement_of
     from morphosim.scene.objects import names_code
 
-    table = tomllib.loads(text)
+    table = toml_of(text, "the scene of the run")
     if names_code(table.get("confinement"), CONFINEMENTS):
         message = (
             "the run does not hold its surface, and its scene names code, which reading a run does "

@@ -11,6 +11,8 @@ from morphosim.geometry.shapes import Field, Shape
 from morphosim.physics.parameters import Physics
 
 VolumeFunction = Callable[[float], float]
+CHANGEABLE = ("type", "gamma", "volume", "frozen")
+"""Values of a cell that may change while it lives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +65,7 @@ class Cell:
     Raises
     ------
     ValueError
-        The name is empty, or volume or gamma is not positive.
+        The name is empty or has control characters, or volume or gamma is not positive.
     """
 
     name: str
@@ -75,14 +77,12 @@ class Cell:
     parent: str = ""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            message = f"cell name = {self.name!r}; expected a text that is not empty"
-            raise ValueError(message)
+        _validate.label("cell name", self.name)
         if not callable(getattr(self.shape, "bounds", None)):
-            message = f"cell {self.name!r}: shape = {self.shape!r} is not a shape"
+            message = f"cell {self.name!r}: shape = {_validate.brief(self.shape)} is not a shape"
             raise TypeError(message)
-        names = ("type", "parent", "frozen", "gamma")
-        check_values(self.name, {name: getattr(self, name) for name in names})
+        values = {name: getattr(self, name) for name in ("type", "parent", "frozen", "gamma")}
+        check_values(self.name, values | ({} if self.volume is None else {"volume": self.volume}))
         self.target_volume(0.0)
 
     def target_volume(self, time: float) -> float:
@@ -97,17 +97,27 @@ def volume_at(name: str, volume: float | VolumeFunction, time: float) -> float:
 
 
 def check_values(name: str, values: Mapping[str, Any]) -> None:
-    """Raise ValueError unless these values of a cell, fields of `Cell`, are allowed."""
+    """Raise ValueError or TypeError unless these values of a cell are allowed."""
     for key in ("type", "parent"):
         if key in values:
-            _validate.text(f"cell {name!r}: {key}", values[key])
+            _validate.label(f"cell {name!r}: {key}", values[key], empty=True)
     if "frozen" in values:
         _validate.flag(f"cell {name!r}: frozen", values["frozen"])
-    if "volume" in values and values["volume"] is None:
-        message = f"cell {name!r}: volume = None; a living cell takes a number or a function"
-        raise ValueError(message)
+    if "volume" in values:
+        _check_volume(name, values["volume"])
     if values.get("gamma") is not None:
         _validate.number(f"cell {name!r}: gamma", values["gamma"], above=0)
+
+
+def _check_volume(name: str, volume: Any) -> None:
+    """Raise unless a living cell can have this target volume, at times that are not yet known."""
+    if volume is None:
+        message = f"cell {name!r}: volume = None; a living cell takes a number or a function"
+        raise ValueError(message)
+    if callable(volume):
+        _validate.function(f"cell {name!r}: volume", volume, 1)
+    else:
+        _validate.number(f"cell {name!r}: volume", volume, above=0)
 
 
 def ancestors(name: str, mothers: Mapping[str, str]) -> Iterator[str]:

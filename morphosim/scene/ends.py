@@ -85,6 +85,9 @@ class When:
     every_step = False
     uses_speeds = False
 
+    def __post_init__(self) -> None:
+        _validate.function("stage: condition", self.condition, 1)
+
     def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
         """See `End`."""
         return bool(self.condition(simulation))

@@ -98,7 +98,7 @@ def _inside(place: Any, name: str, key: str) -> Any:
     """Table or list of this name, or number, in another; ValueError if there is none."""
     if isinstance(place, dict):
         found = place.setdefault(name, {})
-    elif name.isdecimal() and int(name) < len(place):
+    elif name.isdecimal() and len(name) < 10 and int(name) < len(place):
         found = place[int(name)]
     else:
         message = f"cannot set {key}: there is no {name!r} in a list of {len(place)}"
@@ -130,7 +130,8 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
         numerics=numerics_of(table.get("numerics", {})),
         confinement=confinement,
         stages=[
-            stage_of(row, f"stages[{k}]", folder) for k, row in enumerate(table.get("stages", []))
+            stage_of(row, f"stages[{k}]", folder)
+            for k, row in enumerate(_validate.several("stages", table.get("stages", []), "tables"))
         ],
         **{key: table[key] for key in _SCALARS if key in table},
     )
@@ -138,12 +139,9 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
 
 def _check_rows(rows: Any) -> None:
     """Raise ValueError or TypeError unless these are tables of cells with names."""
-    _validate.instance("cells", rows, list)
-    for k, row in enumerate(rows):
-        _validate.keys(f"cells[{k}]", row, _validate.names_of(Cell))
-        if "name" not in row:
-            message = f"cells[{k}] has no 'name'; every cell needs one"
-            raise ValueError(message)
+    for k, row in enumerate(_validate.several("cells", rows, "tables")):
+        _validate.keys(f"cells[{k}]", row, _validate.names_of(Cell), ("name",))
+        _validate.label(f"cells[{k}].name", row["name"])
 
 
 def confinement_of(table: Mapping[str, Any], folder: Path = Path()) -> Any:

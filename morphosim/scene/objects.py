@@ -85,8 +85,8 @@ def named_in(table: Any, kinds: Mapping[str, type], where: str, folder: Path = P
     ):
         wanted = f"with a kind out of {list(kinds)}, or " if kinds else ""
         message = (
-            f"{where} = {_brief(table)}: expected a table {wanted}with use = 'module:Class' for a "
-            "class of your own"
+            f"{where} = {_validate.brief(table)}: expected a table {wanted}with use = "
+            "'module:Class' for a class of your own"
         )
         raise ValueError(message)
     if "kind" in table:
@@ -154,8 +154,8 @@ def _named(item: Any, kinds: Mapping[str, type], where: str) -> dict[str, Any]:
     if is_dataclass(cls) and (path := _import_path.path_of(cls)):
         return {"use": path}
     message = (
-        f"{where}: {_brief(item)} cannot be written to a scene file; it can say {list(kinds)}, and "
-        "dataclasses of a module that can be imported"
+        f"{where}: {_validate.brief(item)} cannot be written to a scene file; it can say "
+        f"{list(kinds)}, and dataclasses of a module that can be imported"
     )
     if not kinds:
         message = (
@@ -176,9 +176,9 @@ def _said(value: Any, hint: Any, where: str, name: str, manner: Manner | None) -
         said = _import_path.path_of(value)
     if not _sayable(said):
         message = (
-            f"{where}: {_brief(value)} cannot be written to a scene file as {name}; it can say "
-            "numbers, texts, lists and tables of them, and a function of a module where one is "
-            "expected"
+            f"{where}: {_validate.brief(value)} cannot be written to a scene file as {name}; it "
+            "can say numbers, texts, lists and tables of them, and a function of a module where "
+            "one is expected"
         )
         raise ValueError(message)
     return said
@@ -206,12 +206,6 @@ def _sayable(value: Any) -> bool:
     if isinstance(value, list):
         return all(map(_sayable, value))
     return isinstance(value, str | int | float)
-
-
-def _brief(value: Any) -> str:
-    """What a value is, in one line."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 200 else f"{text[:200]} ..."
 
 
 @lru_cache

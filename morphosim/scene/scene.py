@@ -14,10 +14,11 @@ from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell, tensions
 from morphosim.scene.ends import Duration
+from morphosim.scene.rehearsal import Rehearsal, rehearse
 from morphosim.scene.stages import Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
-_PHYSICS = _validate.names_of(Physics)
+MOST_STEPS = 1e15
 SAVE_FIELDS = ("packed", "exact", "none")
 
 
@@ -67,10 +68,11 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
-        _validate.instance("scene.cells", self.cells, Sequence)
-        for k, cell in enumerate(self.cells):
-            _validate.instance(f"scene.cells[{k}]", cell, Cell)
-        object.__setattr__(self, "cells", tuple(self.cells))
+        for name, kind in (("cells", Cell), ("stages", Stage)):
+            parts = _validate.several(f"scene.{name}", getattr(self, name), name)
+            for k, part in enumerate(parts):
+                _validate.instance(f"scene.{name}[{k}]", part, kind)
+            object.__setattr__(self, name, parts)
         if not self.cells:
             message = "scene.cells is empty; a scene needs at least one cell"
             raise ValueError(message)
@@ -78,34 +80,48 @@ class Scene:
         _validate.instance("scene.numerics", self.numerics, Numerics)
         needed = ("field", "depth", "bounds")
         if self.confinement is not None and not all(hasattr(self.confinement, n) for n in needed):
-            message = f"scene.confinement = {self.confinement!r} is not a confinement (with field, "
-            message += "depth and bounds), nor None"
+            message = f"scene.confinement = {_validate.brief(self.confinement)} is not a "
+            message += "confinement (with field, depth and bounds), nor None"
             raise TypeError(message)
-        _validate.text("scene.name", self.name)
+        _validate.label("scene.name", self.name, empty=True)
+        _validate.text("scene.description", self.description)
         _validate.unique("cell name", self.names)
         _validate.number("scene.duration", self.duration, least=0)
+        self._check_steps()
         _validate.number("scene.save_every", self.save_every, above=0)
         _validate.choice("scene.save_fields", self.save_fields, SAVE_FIELDS)
         _validate.flag("scene.save_labels", self.save_labels)
         _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
-        object.__setattr__(self, "stages", tuple(self.stages))
-        for k, stage in enumerate(self.stages):
-            _validate.instance(f"scene.stages[{k}]", stage, Stage)
-            _validate.keys(f"physics of stage {stage.name!r}", stage.physics, _PHYSICS)
-            replace(self.physics, **stage.physics)  # raises where a value is not allowed
-        self._check_names(self.physics)
+        self.physics.check(self.possible_names, self.possible_types)
 
-    def check_stages(self) -> None:
-        """Raise ValueError if the physics of a stage name cells or types that can never come.
+    def _check_steps(self) -> None:
+        """Raise ValueError if no computer can take so many steps."""
+        steps = self.duration / self.numerics.dt
+        if steps > MOST_STEPS:
+            message = (
+                f"scene.duration = {self.duration:g} takes {steps:.3g} steps of numerics.dt = "
+                f"{self.numerics.dt:g}; at most {MOST_STEPS:g} are allowed"
+            )
+            raise ValueError(message)
 
-        A scene that begins with a later stage (`from_stage`) may do so until it has its cells.
+    def rehearsed(self) -> Rehearsal:
+        """What will be at the end of the stages, as far as can be told before the first step.
+
+        Raises
+        ------
+        ValueError, TypeError
+            An event or the physics of a stage is not allowed at its time, or names cells or types
+            that are not there then. A scene that begins with a later stage (`from_stage`) may do
+            so until it has its cells.
         """
-        for stage in self.stages:
-            if stage.physics.keys() & {"sigma", "kappa_by_type", "terms"}:
-                self._check_names(replace(self.physics, **stage.physics))
-
-    def _check_names(self, physics: Physics) -> None:
-        physics.check(self.possible_names, self.possible_types)
+        rehearsal = Rehearsal(
+            cells={cell.name: cell.shape.volume if cell.volume is None else cell.volume
+                   for cell in self.cells},
+            physics=self.physics, numerics=self.numerics, possible_names=self.possible_names,
+            possible_types=self.possible_types, used={*self.names, *self.parents} - {""},
+        )  # fmt: skip
+        rehearse(rehearsal, self.stages, self.duration)
+        return rehearsal
 
     @property
     def names(self) -> list[str]:
@@ -127,12 +143,8 @@ class Scene:
 
     @property
     def courses(self) -> list[Physics]:
-        """The physics at the start, and from each stage on that changes them."""
-        courses = [self.physics]
-        for stage in self.stages:
-            if stage.physics:
-                courses.append(replace(courses[-1], **stage.physics))
-        return courses
+        """The physics at the start, and from each stage or event on that changes them."""
+        return self.rehearsed().courses
 
     @property
     def possible_types(self) -> list[str]:

@@ -23,16 +23,11 @@ def stage_of(table: Mapping[str, Any], where: str, folder: Path = Path()) -> Sta
     ValueError
         A key or value is not allowed, or name or end is missing.
     """
-    _validate.keys(where, table, _validate.names_of(Stage))
-    if "name" not in table or "end" not in table:
-        message = f"{where}: a stage needs a name and an end"
-        raise ValueError(message)
+    _validate.keys(where, table, _validate.names_of(Stage), ("name", "end"))
 
     def events(key: str) -> list[Any]:
-        return [
-            object_of(row, EVENTS, f"{where}.{key}[{k}]", folder)
-            for k, row in enumerate(table.get(key, []))
-        ]
+        rows = _validate.several(f"{where}.{key}", table.get(key, []), "tables")
+        return [object_of(row, EVENTS, f"{where}.{key}[{k}]", folder) for k, row in enumerate(rows)]
 
     return Stage(
         name=table["name"],

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from morphosim import _validate
 from morphosim.scene.ends import ENDS, End
 from morphosim.scene.events import Event
-from morphosim.scene.target import PhysicsValues
+from morphosim.scene.target import PhysicsValues, check_physics
 
 CHECK_TIME = 10.0
 """*In silico* time between two looks at the centroids."""
@@ -48,20 +49,28 @@ class Stage:
     rules_every: float = 100.0
 
     def __post_init__(self) -> None:
-        _validate.text("stage: name", self.name)
-        if not callable(getattr(self.end, "reached", None)):
-            known = ", ".join(kind.__name__ for kind in ENDS.values())
-            message = f"stage {self.name!r}: end = {self.end!r} is no end; take one of {known}"
-            raise TypeError(message)
+        _validate.label("stage: name", self.name)
+        where = f"stage {self.name!r}"
+        self._check_end(where)
         if self.limit is not None:
-            _validate.number(f"stage {self.name!r}: limit", self.limit, above=0)
-        _validate.number(f"stage {self.name!r}: rules_every", self.rules_every, above=0)
-        for event in (*self.events, *self.rules):
-            if not callable(getattr(event, "apply", None)):
-                message = f"stage {self.name!r}: {event!r} is no event: it has no apply(simulation)"
-                raise TypeError(message)
-        object.__setattr__(self, "events", tuple(self.events))
-        object.__setattr__(self, "rules", tuple(self.rules))
+            _validate.number(f"{where}: limit", self.limit, above=0)
+        check_physics(f"{where}: physics", self.physics)
+        _validate.number(f"{where}: rules_every", self.rules_every, above=0)
+        for key in ("events", "rules"):
+            events = _validate.several(f"{where}: {key}", getattr(self, key), "events")
+            for k, event in enumerate(events):
+                _check_event(f"{where}: {key}[{k}]", event)
+            object.__setattr__(self, key, events)
+
+    def _check_end(self, where: str) -> None:
+        """Raise TypeError unless its end can say when it is reached."""
+        parts = ("reached", "looks_back", "every_step")
+        missing = [part for part in parts if not hasattr(self.end, part)]
+        if missing:
+            known = ", ".join(kind.__name__ for kind in ENDS.values())
+            message = f"{where}: end = {_validate.brief(self.end)} is no end; take one of {known}"
+            raise TypeError(f"{message}, or an object of your own with {', '.join(parts)}")
+        _validate.function(f"{where}: end.reached", self.end.reached, 3)
 
     @property
     def daughters(self) -> list[str]:
@@ -77,3 +86,11 @@ class Stage:
         return {
             kind for event in (*self.events, *self.rules) for kind in getattr(event, "makes", ())
         }
+
+
+def _check_event(where: str, event: Any) -> None:
+    """Raise TypeError unless something is an event."""
+    if not hasattr(event, "apply"):
+        message = f"{where} = {_validate.brief(event)} is no event: it has no apply(simulation)"
+        raise TypeError(message)
+    _validate.function(f"{where}.apply", event.apply, 1)

@@ -58,8 +58,12 @@ def _attraction(table: Mapping[str, Any], names: list[Any]) -> Attraction:
         values[key] = {}
         _validate.instance(f"physics.sigma.{key}", table.get(key, []), list)
         for row in table.get(key, []):
-            if not isinstance(row, list) or len(row) != 3:
-                message = f"physics.sigma.{key}: {row!r}; expected [from, to, value]"
+            fits = isinstance(row, list) and len(row) == 3
+            if not fits or not all(isinstance(name, str) for name in row[:2]):
+                message = f"physics.sigma.{key}: {_validate.brief(row)}; expected [from, to, value]"
+                raise ValueError(message)
+            if (row[0], row[1]) in values[key]:
+                message = f"physics.sigma.{key}: {_validate.brief(row[:2])} occurs twice"
                 raise ValueError(message)
             values[key][row[0], row[1]] = row[2]
     return Attraction(**values)
@@ -167,8 +171,8 @@ def cell_of(row: Mapping[str, Any], shape: Any) -> Cell:
     """Cell from what a scene file says of it, and its shape."""
     values = dict(row) | {"shape": shape}
     if isinstance(row.get("volume"), Mapping):
-        values["volume"] = build(VolumeCourse, row["volume"], f"cell {row.get('name')!r}: volume")
-    cell: Cell = build(Cell, values, f"cell {row.get('name')!r}")
+        values["volume"] = build(VolumeCourse, row["volume"], f"cell {row['name']!r}: volume")
+    cell: Cell = build(Cell, values, f"cell {row['name']!r}")
     return cell
 
 

@@ -6,11 +6,18 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from morphosim import _validate
 from morphosim.cell_field import CellField
 from morphosim.physics.parameters import Physics
 
 PhysicsValues = Annotated[Mapping[str, Any], Physics]
 """Values of `Physics` by name; a field of this type is said in scene files as their physics is."""
+
+
+def check_physics(where: str, values: Any) -> None:
+    """Raise ValueError or TypeError unless these are values of `Physics`."""
+    _validate.keys(where, values, _validate.names_of(Physics))
+    Physics(**values)
 
 
 class LivingCell(Protocol):
@@ -29,36 +36,12 @@ class LivingCell(Protocol):
         """Name of the mother; "" where it is not known."""
 
 
-class Target(Protocol):
-    """A simulation, as seen by what changes it between two steps."""
-
-    @property
-    def time(self) -> float:
-        """*In silico* time."""
-
-    @property
-    def spacing(self) -> float:
-        """Lattice spacing, µm."""
+class Changeable(Protocol):
+    """What can be changed: a simulation, or what is foreseen of it."""
 
     @property
     def names(self) -> Sequence[str]:
         """Names of the N living cells."""
-
-    @property
-    def cells(self) -> Sequence[LivingCell]:
-        """The living cells."""
-
-    @property
-    def fields(self) -> Sequence[CellField]:
-        """Their fields."""
-
-    @property
-    def centroids(self) -> NDArray[np.float64]:
-        """(N, 3) centroids, µm."""
-
-    @property
-    def volumes(self) -> NDArray[np.float64]:
-        """(N,) volumes ∫ φ, µm³."""
 
     @property
     def physics(self) -> Physics:
@@ -84,3 +67,38 @@ class Target(Protocol):
 
     def change_physics(self, **values: Any) -> None:
         """Give the physics other values."""
+
+
+class Foreseen(Changeable, Protocol):
+    """What is known of a simulation before its first step; see `scene.rehearsal`."""
+
+    def check_type(self, name: str, kind: str) -> None:
+        """Raise ValueError if no cell can ever have this type."""
+
+
+class Target(Changeable, Protocol):
+    """A simulation, as seen by what changes it between two steps."""
+
+    @property
+    def time(self) -> float:
+        """*In silico* time."""
+
+    @property
+    def spacing(self) -> float:
+        """Lattice spacing, µm."""
+
+    @property
+    def cells(self) -> Sequence[LivingCell]:
+        """The living cells."""
+
+    @property
+    def fields(self) -> Sequence[CellField]:
+        """Their fields."""
+
+    @property
+    def centroids(self) -> NDArray[np.float64]:
+        """(N, 3) centroids, µm."""
+
+    @property
+    def volumes(self) -> NDArray[np.float64]:
+        """(N,) volumes ∫ φ, µm³."""

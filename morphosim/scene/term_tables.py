@@ -9,6 +9,7 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
+from morphosim import _validate
 from morphosim.physics.term import Term
 from morphosim.scene.objects import named_in, object_of, table_of
 
@@ -24,8 +25,8 @@ def terms_of(rows: Any, where: str, folder: Path = Path()) -> list[Term]:
         A table names no class of terms that can be imported, or has a value that is not allowed.
     """
     if isinstance(rows, str) or not isinstance(rows, Sequence):
-        message = f"{where} = {rows!r}: expected a list of tables, such as [{{use = 'mymodule:X'}}]"
-        raise ValueError(message)
+        message = f"{where} = {_validate.brief(rows)}: expected a list of tables, such as "
+        raise ValueError(f"{message}[{{use = 'mymodule:X'}}]")
     return [
         row if isinstance(row, Term) else _term(row, f"{where}[{k}]", folder)
         for k, row in enumerate(rows)

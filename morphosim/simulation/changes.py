@@ -11,8 +11,7 @@ from morphosim import _validate
 from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine, check_columns
 from morphosim.physics.parameters import Physics
-from morphosim.scene.cell import VolumeFunction, check_values, volume_at
-from morphosim.scene.events import CHANGEABLE
+from morphosim.scene.cell import CHANGEABLE, VolumeFunction, check_values, volume_at
 from morphosim.scene.tables import physics_table
 from morphosim.simulation.division import divided
 from morphosim.simulation.volumes import VolumeFunctions

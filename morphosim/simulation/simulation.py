@@ -16,6 +16,7 @@ from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene import stability
 from morphosim.scene.fingerprint import settings
 from morphosim.scene.scene import Scene
+from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
@@ -80,10 +81,12 @@ class Simulation(State):
     _settings: dict[str, Any] = field(init=False)
 
     def __post_init__(self, state: Checkpoint | None) -> None:
+        _validate.instance("scene", self.scene, Scene)
         scene = self.scene
-        scene.check_stages()
-        for physics in scene.courses:
+        for physics in scene.courses:  # what stages do is rehearsed by that
             check_columns(physics)
+        if state is None:
+            check_size(scene)
         self._stages = StageRunner(scene.stages)
         self._settings = settings(scene)
         self._volumes = VolumeFunctions(

@@ -1,6 +1,7 @@
 """Axes of a scan, and the members that they make."""
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -10,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
+from morphosim.numerics.parameters import LARGEST_SEED
 
 VALUE = "{value}"
 """Stands for the axis' value in what an axis sets."""
 SAMPLINGS = ("sobol", "latin")
 SAMPLE, REPLICATE, SEED = "sample", "replicate", "numerics.seed"
 THREADS = "numerics.threads"
+MOST_MEMBERS = 10**6
 Settings = dict[str, Any]
 """Values by dotted key, as `load_scene` takes them."""
 
@@ -198,21 +201,32 @@ def make_plan(
     if not axes:
         message = "axes is empty; a scan needs at least one, such as {'physics.gamma': [0.2, 0.3]}"
         raise ValueError(message)
-    _validate.integer("replicates", replicates, least=1)
+    _validate.integer("replicates", replicates, least=1, most=MOST_MEMBERS)
+    _validate.integer("sample_seed", sample_seed, least=0, most=LARGEST_SEED)
+    _validate.integer(SEED, seed, least=0, most=LARGEST_SEED - replicates)
     made = {name: _axis(name, axis) for name, axis in axes.items()}
     sets = {name: name if axis.sets is None else axis.sets for name, axis in made.items()}
     _check_keys(sets, fixed, replicates)
     ranges = {name: axis for name, axis in made.items() if isinstance(axis, Range)}
-    return Plan(
+    plan = Plan(
         grid={name: axis for name, axis in made.items() if isinstance(axis, Axis)},
         ranges=_sampled(ranges, samples, sampling, sample_seed),
         sets=sets, replicates=replicates, seed=seed, fixed=fixed,
     )  # fmt: skip
+    count = math.prod(plan.sizes.values())
+    if count > MOST_MEMBERS:
+        sizes = " x ".join(f"{name} {size}" for name, size in plan.sizes.items())
+        message = f"the scan has {count} members ({sizes}); at most {MOST_MEMBERS} are allowed"
+        raise ValueError(message)
+    return plan
 
 
 def _axis(name: str, given: Any) -> Axis | Range:
     """Axis as given, or of a plain list of values; checked, its values plain Python."""
+    _validate.label("name of an axis", name)
+    _check_sets(name, getattr(given, "sets", None))
     if isinstance(given, Range):
+        _validate.flag(f"axis {name!r}: log", given.log)
         low = _validate.number(f"axis {name!r}: low", given.low)
         _validate.number(f"axis {name!r}: high", given.high, above=low)
         if given.log:
@@ -221,7 +235,8 @@ def _axis(name: str, given: Any) -> Axis | Range:
     axis = given if isinstance(given, Axis) else Axis(values=given)
     values = axis.values.tolist() if isinstance(axis.values, np.ndarray) else axis.values
     if isinstance(values, str) or not isinstance(values, Sequence) or not values:
-        message = f"axis {name!r} = {values!r}; expected a list of values that is not empty"
+        message = f"axis {name!r} = {_validate.brief(values)}; expected a list of values that is "
+        message += "not empty"
         raise ValueError(message)
     values = [v.tolist() if isinstance(v, np.generic | np.ndarray) else v for v in values]
     try:
@@ -230,6 +245,19 @@ def _axis(name: str, given: Any) -> Axis | Range:
         message = f"axis {name!r} has a value that a scene file cannot say ({error})"
         raise ValueError(message) from error
     return Axis(values=values, sets=axis.sets)
+
+
+def _check_sets(name: str, sets: Any) -> None:
+    """Raise unless this is a dotted key, or a table of values by dotted key that JSON can hold."""
+    if sets is None:
+        return
+    for key in sets if isinstance(sets, Mapping) else [sets]:
+        _validate.label(f"axis {name!r}: key of sets", key)
+    try:
+        json.dumps(sets)
+    except (TypeError, ValueError, RecursionError) as error:
+        message = f"axis {name!r} sets {_validate.brief(sets)}, which no file can say ({error})"
+        raise ValueError(message) from error
 
 
 def _check_keys(sets: Mapping[str, Any], fixed: Settings, replicates: int) -> None:
@@ -266,7 +294,7 @@ def _sampled(
             message = f"samples = {samples}: ranges and a number of samples go together ({names})"
             raise ValueError(message)
         return {}
-    _validate.integer("samples", samples, least=1)
+    _validate.integer("samples", samples, least=1, most=MOST_MEMBERS)
     from scipy.stats import qmc
 
     if sampling == "sobol" and samples & (samples - 1):

@@ -126,9 +126,8 @@ def make_figures(given: Sequence[Any] | Mapping[str, Any]) -> list[Figure]:
     if isinstance(given, Mapping):
         figures = [Figure(name, what) for name, what in given.items()]
     else:
-        if isinstance(given, str):
-            given = [given]
-        figures = [Figure(_name(what), what) for what in given]
+        each = [given] if isinstance(given, str) else _validate.several("figures", given, "figures")
+        figures = [Figure(_name(what), what) for what in each]
     if not figures:
         message = "figures is empty; a scan needs at least one, such as 'volume'"
         raise ValueError(message)

@@ -160,6 +160,7 @@ def _checked(
     **choices: Any,
 ) -> _Setup:
     """Plan whose every value a scene accepts; ValueError or TypeError names axis and value."""
+    _validate.instance("overrides", overrides, Mapping)
     random = isinstance(scene, str) and scene in RANDOM and not Path(scene).is_dir()
     base = scene if isinstance(scene, Scene) else find_scene(str(scene))
     seed = overrides.get(SEED, base.numerics.seed)
@@ -210,7 +211,7 @@ def _try(setup: _Setup, folder: Path) -> None:
 def _attempt(make: Callable[[], Scene], where: str) -> Scene:
     try:
         scene = make()
-        scene.check_stages()
+        scene.rehearsed()
     except (ValueError, TypeError) as error:
         message = f"{where}: {error}"
         raise type(error)(message) from error

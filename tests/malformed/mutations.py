@@ -22,8 +22,8 @@ ODD: tuple[Any, ...] = (
 """Values for any place."""
 PIECES = (
     b"", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\x1b[2J", b"nan", b"inf", b"-1", b"1e999", b"[",
-    b"]", b"[" * 3000, b"{", b'"', b"'", b"\n", b"\r", b",", b";", b"\t", b"=", b"9" * 5000, b"a = 1\n",
-    "é".encode(), "é".encode("latin-1"), "€".encode("cp1252"),
+    b"]", b"[" * 3000, b"{", b'"', b"'", b"\n", b"\r", b",", b";", b"\t", b"=", b"9" * 5000,
+    b"a = 1\n", "é".encode(), "é".encode("latin-1"), "€".encode("cp1252"),
 )  # fmt: skip
 """Bytes for any place of a text."""
 

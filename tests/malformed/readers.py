@@ -52,7 +52,7 @@ def begun(scene: Scene) -> None:
     if points < MOST_POINTS:
         Simulation(scene).step()
     else:
-        scene.check_stages()
+        scene.rehearsed()
 
 
 def _scene_file(sound: Path, folder: Path, random: Random) -> Callable[[], object]:

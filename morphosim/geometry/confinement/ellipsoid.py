@@ -1,7 +1,6 @@
 """An ellipsoid, flattened or not: the eggshell (Supplementary Note 1.4)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,10 +31,12 @@ class EllipsoidShell:
         _validate.vector("confinement.center", self.center)
         for axis, value in zip("xyz", _validate.vector("semi_axes", self.semi_axes), strict=True):
             _validate.number(f"confinement.semi_axes ({axis})", value, above=0)
-        half_widths = np.ravel(np.asarray(self.cut, dtype=object))
-        if len(half_widths) != 3 or not all(_is_width(w) for w in half_widths):
-            message = f"confinement.cut = {self.cut!r}: expected three half-widths > 0 (inf: none)"
-            raise ValueError(message)
+        cut = _validate.array("confinement.cut", self.cut, (3,), infinite=True)
+        if not (cut > _validate.SMALLEST).all():
+            message = (
+                f"confinement.cut = {_validate.brief(self.cut)}: expected three half-widths > 0"
+            )
+            raise ValueError(f"{message} (inf: none)")
         _validate.number("confinement.width", self.width, least=0)
 
     def depth(self, x: Floats, y: Floats, z: Floats) -> Floats:
@@ -58,8 +59,3 @@ class EllipsoidShell:
         center = np.asarray(self.center, dtype=np.float64)
         half = np.minimum(np.asarray(self.semi_axes, float), np.asarray(self.cut, float))
         return center - half, center + half
-
-
-def _is_width(value: Any) -> bool:
-    """Whether a value is a positive number; inf is one."""
-    return isinstance(value, int | float | np.number) and bool(value > 0)

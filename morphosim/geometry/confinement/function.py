@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from morphosim import _validate
 from morphosim.geometry.confinement.protocol import Floats, check_corners
 from morphosim.geometry.signed_distance import Image, depth_image
 
@@ -21,15 +22,18 @@ class FunctionWalls:
     upper: ArrayLike
 
     def __post_init__(self) -> None:
-        if not callable(self.function):
-            message = f"confinement.function = {self.function!r} cannot be called"
-            raise TypeError(message)
+        _validate.function("confinement.function", self.function, 3)
         check_corners(self.lower, self.upper)
 
     def field(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """φ_e, checked to be finite and between 0 and 1."""
         shape = np.broadcast_shapes(np.shape(x), np.shape(y), np.shape(z))
-        values = np.asarray(self.function(x, y, z), dtype=np.float64)
+        given = self.function(x, y, z)
+        try:
+            values = np.asarray(given, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            message = f"confinement.function gives {_validate.brief(given)}, which is no number"
+            raise ValueError(message) from error
         try:
             values = np.broadcast_to(values, shape)
         except ValueError as error:

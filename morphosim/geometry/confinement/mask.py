@@ -28,13 +28,10 @@ class MaskWalls:
     spacing: ArrayLike = 0.5
 
     def __post_init__(self) -> None:
-        inside = np.asarray(self.inside)
-        if inside.ndim == 3 and inside.any():
-            inside = _validate.image("confinement.inside", inside)
-        else:
-            count = np.count_nonzero(inside)
-            message = f"confinement.inside has shape {inside.shape} and {count} voxels"
-            raise ValueError(message + " set; expected a 3-D image with an inside")
+        inside = _validate.image("confinement.inside", self.inside)
+        if not inside.any():
+            message = f"confinement.inside has shape {inside.shape} and 0 voxels set; expected an "
+            raise ValueError(message + "image with an inside")
         object.__setattr__(self, "inside", inside)
         _validate.vector("confinement.origin", self.origin)
         _validate.spacing("confinement.spacing", self.spacing)

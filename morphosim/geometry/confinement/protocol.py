@@ -32,7 +32,10 @@ def check_corners(lower: ArrayLike, upper: ArrayLike) -> None:
     low = _validate.vector("confinement.lower", lower)
     high = _validate.vector("confinement.upper", upper)
     if not (high > low).all():
-        message = f"confinement.upper = {upper!r} must exceed lower = {lower!r}"
+        message = (
+            f"confinement.upper = {_validate.brief(upper)} must exceed lower = "
+            f"{_validate.brief(lower)}"
+        )
         raise ValueError(message)
 
 

@@ -10,6 +10,9 @@ from morphosim.geometry.shapes.protocol import Floats
 from morphosim.geometry.shapes.voxels import placed_image, voxel_steps
 from morphosim.geometry.signed_distance import Image
 
+LARGEST_PHI = 4.0
+"""φ beyond this is none that a run could go on with (`engine.RUNAWAY`)."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Field:
@@ -28,6 +31,12 @@ class Field:
 
     def __post_init__(self) -> None:
         phi = _validate.array("shape.phi", self.phi, (None, None, None))
+        if np.abs(phi).max(initial=0) > LARGEST_PHI:
+            where = np.unravel_index(np.abs(phi).argmax(), phi.shape)
+            message = (
+                f"shape.phi{[int(k) for k in where]} = {phi[where]:g} is no phase field, which "
+            )
+            raise ValueError(f"{message}lies between 0 and 1 (up to ±{LARGEST_PHI:g} is taken)")
         if not (phi > 0.5).any():
             message = f"shape.phi has no value above 0.5 (largest {phi.max(initial=0):g})"
             raise ValueError(message + ": no cell is there")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from morphosim import _validate
 from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.power_partition import PowerPartition
 from morphosim.geometry.shapes.protocol import Floats
@@ -26,6 +27,11 @@ class Point:
     position: ArrayLike
     volume: float | None = None
 
+    def __post_init__(self) -> None:
+        _validate.vector("shape.position", self.position)
+        if self.volume is not None:
+            _validate.number("shape.volume", self.volume, above=0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PowerCell:
@@ -35,6 +41,15 @@ class PowerCell:
     cell: int
     volume: float
     confinement: Confinement | None = None
+
+    def __post_init__(self) -> None:
+        _validate.instance("shape.partition", self.partition, PowerPartition)
+        last = len(self.partition.points) - 1
+        _validate.integer("shape.cell", self.cell, least=0, most=last)
+        _validate.number("shape.volume", self.volume, above=0)
+        if self.confinement is not None and not hasattr(self.confinement, "depth"):
+            message = f"shape.confinement = {_validate.brief(self.confinement)} has no depth"
+            raise TypeError(message)
 
     @property
     def point(self) -> Point:

@@ -6,7 +6,7 @@ events of your own do. Another one is a file here and a row of `EVENTS`; scene f
 fingerprints know it by that.
 """
 
-from morphosim.scene.events.changes import CHANGEABLE, CellChange, PhysicsChange
+from morphosim.scene.events.changes import CellChange, PhysicsChange
 from morphosim.scene.events.differentiation import Differentiation
 from morphosim.scene.events.division import Division
 from morphosim.scene.events.protocol import Event
@@ -22,7 +22,6 @@ EVENTS: dict[str, type] = {
 """Classes by the `kind` that a scene file names them by."""
 
 __all__ = [
-    "CHANGEABLE",
     "EVENTS",
     "CellChange",
     "Differentiation",

@@ -5,11 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from morphosim import _validate
-from morphosim.physics.parameters import Physics
-from morphosim.scene.target import PhysicsValues, Target
-
-CHANGEABLE = ("type", "gamma", "volume", "frozen")
-"""Values of a cell that may change while it lives."""
+from morphosim.scene.cell import CHANGEABLE, check_values
+from morphosim.scene.target import Changeable, Foreseen, PhysicsValues, check_physics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,16 +24,23 @@ class CellChange:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        names = _validate.labels("change of cells: cells", self.cells)
+        object.__setattr__(self, "cells", names)
         _validate.keys("change of cells", self.values, CHANGEABLE)
+        check_values(", ".join(names), self.values)
 
     @property
     def makes(self) -> tuple[str, ...]:
         """See `Event`."""
         return (self.values["type"],) if "type" in self.values else ()
 
-    def apply(self, simulation: Target) -> None:
+    def apply(self, simulation: Changeable) -> None:
         """Change the cells."""
         simulation.change_cells(self.cells, **self.values)
+
+    def rehearse(self, rehearsal: Foreseen) -> None:
+        """See `Event`."""
+        self.apply(rehearsal)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,8 +56,12 @@ class PhysicsChange:
     values: PhysicsValues
 
     def __post_init__(self) -> None:
-        _validate.keys("change of physics", self.values, _validate.names_of(Physics))
+        check_physics("change of physics", self.values)
 
-    def apply(self, simulation: Target) -> None:
+    def apply(self, simulation: Changeable) -> None:
         """Change the physics."""
         simulation.change_physics(**self.values)
+
+    def rehearse(self, rehearsal: Foreseen) -> None:
+        """See `Event`."""
+        self.apply(rehearsal)

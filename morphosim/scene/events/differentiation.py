@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from morphosim import _validate
-from morphosim.scene.target import Target
+from morphosim.scene.target import Foreseen, Target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,12 +24,19 @@ class Differentiation:
     area: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("of", "touching", "into"):
+            _validate.label(f"differentiation: {name}", getattr(self, name), empty=True)
         _validate.number("differentiation: area", self.area, least=0)
 
     @property
     def makes(self) -> tuple[str, ...]:
         """See `Event`."""
         return (self.into,)
+
+    def rehearse(self, rehearsal: Foreseen) -> None:
+        """See `Event`."""
+        for name in ("of", "touching"):
+            rehearsal.check_type(f"differentiation: {name}", getattr(self, name))
 
     def apply(self, simulation: Target) -> None:
         """Change the types."""

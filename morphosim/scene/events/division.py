@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
-from morphosim.scene.target import Target
+from morphosim.scene.target import Changeable, Foreseen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,29 +34,34 @@ class Division:
     volumes: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        _validate.label("division: cell", self.cell)
         where = f"division of {self.cell!r}"
-        if len(tuple(self.daughters)) != 2:
-            message = f"{where}: daughters = {self.daughters!r}; expected two names"
-            raise ValueError(message)
-        object.__setattr__(self, "daughters", tuple(self.daughters))
-        _validate.unique(f"{where}: name", (self.cell, *self.daughters))
+        names = _validate.labels(f"{where}: daughters", self.daughters, 2)
+        object.__setattr__(self, "daughters", names)
+        _validate.unique(f"{where}: name", (self.cell, *names))
         _validate.number(f"{where}: fraction", self.fraction, above=0, most=0.999)
-        if not _validate.vector(f"{where}: axis", self.axis).any():
-            message = f"{where}: axis = {self.axis!r} has no direction"
+        if np.abs(_validate.vector(f"{where}: axis", self.axis)).max() < _validate.SMALLEST:
+            message = f"{where}: axis = {_validate.brief(self.axis)} has no direction"
             raise ValueError(message)
-        for name, values in (("types", self.types), ("volumes", self.volumes)):
-            if values is not None and (isinstance(values, str) or len(values) != 2):
-                message = f"{where}: {name} = {values!r}; expected one for each of two daughters"
-                raise ValueError(message)
-        for volume in self.volumes or ():
-            _validate.number(f"{where}: volumes", volume, above=0)
+        if self.types is not None:
+            kinds = _validate.labels(f"{where}: types", self.types, 2, empty=True)
+            object.__setattr__(self, "types", kinds)
+        if self.volumes is not None:
+            volumes = _validate.several(f"{where}: volumes", self.volumes, "numbers", 2)
+            for volume in volumes:
+                _validate.number(f"{where}: volumes", volume, above=0)
+            object.__setattr__(self, "volumes", volumes)
 
     @property
     def makes(self) -> tuple[str, ...]:
         """See `Event`."""
         return self.types or ()
 
-    def apply(self, simulation: Target) -> None:
+    def rehearse(self, rehearsal: Foreseen) -> None:
+        """See `Event`."""
+        self.apply(rehearsal)
+
+    def apply(self, simulation: Changeable) -> None:
         """Divide the cell."""
         simulation.divide(
             self.cell, self.daughters, axis=self.axis, fraction=self.fraction, types=self.types,

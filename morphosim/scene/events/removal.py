@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from morphosim import _validate
-from morphosim.scene.target import Target
+from morphosim.scene.target import Foreseen, Target
 
 AXES = ("x", "y", "z")
 
@@ -32,11 +32,19 @@ class Removal:
     rule: Callable[[Any], Sequence[str]] | None = None
 
     def __post_init__(self) -> None:
-        for side in (self.below, self.above):
-            _validate.keys("removal: axis", side, AXES)
+        object.__setattr__(self, "cells", _validate.labels("removal: cells", self.cells))
+        for name in ("below", "above"):
+            side = getattr(self, name)
+            _validate.keys(f"removal: {name}", side, AXES)
             for axis, place in side.items():
-                _validate.number(f"removal: {axis}", place)
+                _validate.number(f"removal: {name}: {axis}", place)
         _validate.flag("removal: isolated", self.isolated)
+        if self.rule is not None:
+            _validate.function("removal: rule", self.rule, 1)
+
+    def rehearse(self, rehearsal: Foreseen) -> None:
+        """See `Event`; which cells are picked by place, by contact or by rule is not known."""
+        rehearsal.remove(self.cells)
 
     def apply(self, simulation: Target) -> None:
         """Take the cells out."""

@@ -1,0 +1,225 @@
+"""A walk through a scene's stages before its first step: who lives then, under which physics.
+
+Events say themselves what they will do (`Event.rehearse`), so that what is wrong in the last stage
+is told at once. What only the state of the cells can tell is left open: which cells rules pick, how
+long a stage lasts that ends when cells rest, and what an event of a user's own does that has no
+`rehearse`.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from morphosim import _validate
+from morphosim.geometry.phase_field import least_volume
+from morphosim.numerics.parameters import Numerics
+from morphosim.physics.parameters import Physics
+from morphosim.scene.cell import CHANGEABLE, VolumeFunction, check_values, volume_at
+from morphosim.scene.ends import Duration
+from morphosim.scene.events import Event
+from morphosim.scene.stages import Stage
+
+Volume = float | VolumeFunction | None
+"""A target volume; None where it is not known."""
+
+
+@dataclass(kw_only=True)
+class Rehearsal:
+    """What is known of a simulation at some point of its course; events act on it as on one.
+
+    Attributes
+    ----------
+    cells : mapping from name to target volume
+        The cells that live, as far as is known.
+    physics : Physics
+        What holds now.
+    numerics : Numerics
+    possible_names, possible_types : names and types of cells that there may ever be
+    used : names that cells have or have had
+    time : float or None
+        *In silico* time; None where the state of the cells decides.
+    gone : mapping from name to what has become of a cell that lives no more
+    surprised : bool
+        Whether an event has passed that does not tell what it does.
+    courses : list of Physics
+        All that has held so far.
+    tensions : list of float
+        Surface tensions that cells are given.
+    """
+
+    cells: dict[str, Volume]
+    physics: Physics
+    numerics: Numerics
+    possible_names: Sequence[str]
+    possible_types: Sequence[str]
+    used: set[str]
+    time: float | None = 0.0
+    gone: dict[str, str] = field(default_factory=dict)
+    surprised: bool = False
+    courses: list[Physics] = field(init=False)
+    tensions: list[float] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.courses = [self.physics]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the cells that live, as far as is known."""
+        return list(self.cells)
+
+    def divide(
+        self,
+        cell: str,
+        daughters: tuple[str, str],
+        *,
+        axis: ArrayLike,
+        fraction: float = 0.5,
+        types: tuple[str, str] | None = None,
+        volumes: tuple[Volume, Volume] | None = None,
+    ) -> None:
+        """Divide a cell; see `Simulation.divide`."""
+        self._check_alive(cell)
+        for name in daughters:
+            if name in self.used:
+                message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
+                raise ValueError(message)
+        whole = self._volume(cell, self.cells[cell]) if cell in self.cells else None
+        shares = (fraction, 1 - fraction)
+        for k, name in enumerate(daughters):
+            given = None if whole is None else shares[k] * whole
+            self._check_size(cell, name, given)
+            check_values(name, {"type": "" if types is None else types[k]})
+            self._bring(name, given if volumes is None else volumes[k])
+        self._end(cell, f"it divides into {daughters[0]!r} and {daughters[1]!r}")
+
+    def remove(self, cells: Iterable[str]) -> None:
+        """Take cells out; see `Simulation.remove`."""
+        names = list(dict.fromkeys(cells))
+        for name in names:
+            self._check_alive(name)
+        if names and self.cells.keys() <= set(names) and not self.surprised:
+            message = f"all {len(names)} cells would be removed; at least one must stay"
+            raise ValueError(message)
+        for name in names:
+            self._end(name, "it is removed")
+
+    def change_cells(self, cells: Iterable[str], **values: Any) -> None:
+        """Give cells other values; see `Simulation.change_cells`."""
+        _validate.keys("change of cells", values, CHANGEABLE)
+        for name in cells:
+            self._check_alive(name)
+            check_values(name, values)
+            if "volume" in values:
+                self._bring(name, values["volume"])
+        if values.get("gamma") is not None:
+            self.tensions.append(float(values["gamma"]))
+
+    def change_physics(self, **values: Any) -> None:
+        """Give the physics other values; see `Simulation.change_physics`."""
+        _validate.keys("change of physics", values, _validate.names_of(Physics))
+        self.physics = replace(self.physics, **values)
+        self.physics.check(self.possible_names, self.possible_types)
+        self.courses.append(self.physics)
+
+    def check_type(self, name: str, kind: str) -> None:
+        """Raise ValueError if no cell can ever have this type."""
+        if not self.surprised:
+            _validate.choice(name, kind, self.possible_types)
+
+    def surprise(self, event: Event) -> None:
+        """Take an event into account that does not tell what it does."""
+        self.surprised = True
+        for name in getattr(event, "daughters", ()):
+            self.used.add(name)
+            self.cells.setdefault(name, None)
+
+    def _check_alive(self, name: str) -> None:
+        """Raise ValueError unless a cell may be alive."""
+        if name in self.gone:
+            message = f"cell {name!r} is no longer there: {self.gone[name]}"
+            raise ValueError(message)
+        if name not in self.cells and not self.surprised:
+            _validate.choice("cell", name, self.cells)
+
+    def _check_size(self, mother: str, name: str, volume: float | None) -> None:
+        """Raise ValueError if the lattice cannot resolve a daughter's share of her mother."""
+        least = least_volume(self.numerics.spacing)
+        if volume is not None and volume < least / 2:  # she may have grown beyond her target
+            message = (
+                f"daughter {name!r} of {mother!r} would get {volume:.3g} of the at least "
+                f"{least:.3g} µm³ that a lattice of {self.numerics.spacing:g} µm needs; take a "
+                "fraction nearer to 1/2, a finer spacing, or divide a larger cell"
+            )
+            raise ValueError(message)
+
+    def _bring(self, name: str, volume: Volume) -> None:
+        """Give a cell, which there may not have been, a target volume."""
+        if volume is not None:
+            self._volume(name, volume)
+        self.cells[name] = volume
+        self.used.add(name)
+
+    def _volume(self, name: str, volume: Volume) -> float | None:
+        """Target volume now, µm³; None if it is not known."""
+        if volume is None or (self.time is None and callable(volume)):
+            return None
+        return volume_at(name, volume, self.time or 0.0)
+
+    def _end(self, name: str, how: str) -> None:
+        self.cells.pop(name, None)
+        self.gone[name] = how
+
+
+def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> None:
+    """Walk through stages; `duration` is the *in silico* time at which the run ends in any case.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is wrong, with the stage and the event that would fail.
+    """
+    numerics = rehearsal.numerics
+    for stage in stages:
+        where = f"stage {stage.name!r}"
+        _apply(rehearsal, stage.events, f"{where}: events")
+        if stage.physics:
+            with _told_of(f"{where}: physics"):
+                rehearsal.change_physics(**stage.physics)
+        _apply(rehearsal, stage.rules, f"{where}: rules")
+        every, steps = max(round(stage.rules_every / numerics.dt), 1), _most_steps(stage, numerics)
+        if every < steps and every <= numerics.steps_to(duration):
+            again = f"{where}, as rules_every = {stage.rules_every:g} have passed: rules"
+            _apply(rehearsal, stage.rules, again)
+        known = isinstance(stage.end, Duration) and rehearsal.time is not None
+        rehearsal.time = (rehearsal.time or 0.0) + steps * numerics.dt if known else None
+
+
+def _apply(rehearsal: Rehearsal, events: Sequence[Event], where: str) -> None:
+    """Let events act on what is known."""
+    for k, event in enumerate(events):
+        with _told_of(f"{where}[{k}]"):
+            tell = getattr(event, "rehearse", None)
+            if tell is None:
+                rehearsal.surprise(event)
+            else:
+                tell(rehearsal)
+
+
+@contextmanager
+def _told_of(where: str) -> Iterator[None]:
+    """Say in errors where in the stages they come from."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{where}: {error}") from error
+
+
+def _most_steps(stage: Stage, numerics: Numerics) -> float:
+    """Steps after which a stage is over at the latest; infinite where nothing limits it."""
+    times = [stage.end.time] if isinstance(stage.end, Duration) else []
+    times += [] if stage.limit is None else [stage.limit]
+    return min(map(numerics.steps_to, times), default=math.inf)
