@@ -203,6 +203,9 @@ def test_contacts_with_several_neighbours_add_up() -> None:
     one, other = contact_areas(simulation.fields, simulation.spacing).values()
     least = one + 0.5 * other
     assert least > max(one, other)
+    Differentiation(of="green", touching="green", into="blue").apply(simulation)
+    Differentiation(of="red", touching="red", into="blue").apply(simulation)
+    assert simulation.types == ["green", "red", "green"]
     Differentiation(of="red", touching="green", into="blue", area=1.01 * (one + other)).apply(
         simulation
     )

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import contact_areas
 from morphosim.cell_field import CellField, centroid
+from morphosim.measure.label_image import label_image
 from morphosim.measure.measurement import Measurement, measure, measure_fields
 from morphosim.measure.surfaces import cell_surface
 from morphosim.measure.variable import MEASURED
@@ -274,3 +275,17 @@ def test_no_cells_at_all() -> None:
 def test_spacing_must_be_positive(spacing: float) -> None:
     with pytest.raises(ValueError, match="spacing = "):
         measure_fields([ball(3)], spacing)
+
+
+def test_a_point_of_a_label_image_belongs_to_the_cell_of_largest_phi() -> None:
+    """If that exceeds one half, and in whatever order cells come."""
+    values = np.array([[0.9, 0.6, 0.4, 0.0], [0.7, 0.8, 0.3, 0.6], [0.8, 0.9, 0.45, 0.5]])
+    fields = [
+        CellField(str(k), np.array([0, 0, 3]), row.reshape(1, 1, 4))
+        for k, row in enumerate(values)
+    ]  # fmt: skip
+    origin, labels = label_image(fields)
+    assert origin.tolist() == [0, 0, 3]
+    assert labels.ravel().tolist() == [1, 3, 0, 2]
+    _, backwards = label_image(fields[::-1])
+    assert backwards.ravel().tolist() == [3, 1, 0, 2]

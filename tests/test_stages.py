@@ -134,6 +134,42 @@ def test_the_first_local_minimum_of_the_speed(speeds: list[float], reached: bool
     assert QuasiSteady().reached(speeds, 10.0 * len(speeds), simulation) is reached
 
 
+def test_speeds_of_the_stage_before_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    speeds = iter([5.0, 1e-5, 3.0, 2.0, 4.0])
+    monkeypatch.setattr(
+        "morphosim.simulation.stage_runner.root_mean_square", lambda _: next(speeds)
+    )
+    simulation = Simulation(
+        scene(Stage(name="s", end=Steady(1e-4)), Stage(name="q", end=QuasiSteady()))
+    )
+    simulation.run()
+    assert simulation.time == 40  # 20 of the first, and the minimum after 20 of the second
+
+
+class Note:
+    """A rule that notes when it is applied."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+
+    def apply(self, simulation: Simulation) -> None:
+        self.times.append(simulation.time)
+
+
+def test_rules_are_applied_at_the_start_and_at_their_intervals() -> None:
+    note = Note()
+    Simulation(scene(Stage(name="s", end=Duration(20), rules=[note], rules_every=6.0))).run()
+    assert note.times == [0, 6, 12, 18]
+
+
+def test_physics_of_a_stage_follow_its_events() -> None:
+    simulation = Simulation(
+        scene(Stage(name="s", end=Duration(4), events=[DIVISION], physics={"g": 2.0}))
+    )
+    simulation.run()
+    assert [text.split()[0] for _, text in simulation.events] == ["division", "change"]
+
+
 class Rename:
     """Give a cell another type at a time."""
 
