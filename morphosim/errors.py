@@ -1,4 +1,10 @@
-"""Errors that a running simulation raises."""
+"""Errors that a running simulation raises, and how an error is told in one line."""
+
+
+def told(error: BaseException) -> str:
+    """Text of an error with its notes, in one line."""
+    parts = [str(error), *getattr(error, "__notes__", ())]
+    return " ".join("; ".join(parts).split())
 
 
 class SimulationError(RuntimeError):
@@ -24,3 +30,7 @@ class TermError(SimulationError):
 
 class SaveError(OSError):
     """A save cannot be written; all saves before are whole and the run can go on from the last."""
+
+
+class DamageWarning(UserWarning):
+    """A file of a run is damaged, or of another run, and is left out."""

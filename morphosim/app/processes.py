@@ -15,7 +15,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
-from morphosim.errors import SimulationError
+from morphosim.errors import SimulationError, told
 
 _log = logging.getLogger(__name__)
 EXPECTED = (ValueError, TypeError, OSError, ImportError, SimulationError)
@@ -210,7 +210,9 @@ def _nobody(kind: str, content: Any) -> None:
 
 def _work(pipe: Connection) -> None:
     """Do jobs until the other side is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the server, which asks us to end
+    for name in ("SIGINT", "SIGHUP"):  # they reach the server, which asks us to end, or is gone
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     channel = Channel(pipe)
     while True:
         try:
@@ -235,6 +237,6 @@ def _result(channel: Channel, job: Job, arguments: dict[str, Any]) -> tuple[str,
 def words_of(error: Exception) -> str:
     """What to say of an error; a fault of this program is said in full in the log."""
     if isinstance(error, (*EXPECTED, JobError)):
-        return str(error)
+        return told(error)
     _log.error("fault of the application", exc_info=error)
     return f"{type(error).__name__}: {error}"

@@ -1,5 +1,6 @@
 """The application that commands belong to, what all of them share, and the codes it exits with."""
 
+import errno
 import inspect
 import logging
 import os
@@ -119,7 +120,9 @@ def say(text: str) -> None:
         return
     try:
         print(printable(text), flush=True)
-    except BrokenPipeError:
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.EIO):
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

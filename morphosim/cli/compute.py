@@ -24,6 +24,7 @@ from morphosim.progress import silent, tell_line
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from morphosim.runs.checkpoint import Checkpoint
     from morphosim.scene.scene import Scene
     from morphosim.simulation.progress_bar import ProgressBar
     from morphosim.simulation.simulation import Simulation
@@ -201,6 +202,7 @@ def _resume(directory: Path, overrides: dict[str, Any], how: How) -> None:
 
     def make() -> "Simulation":
         scene, snapshot = saved_state(directory)
+        _check_end(directory, overrides.get("duration"), scene, snapshot)
         threads = overrides.get("numerics.threads", scene.numerics.threads)
         end = overrides.get("duration", scene.duration)
         scene = replace(scene, duration=end).with_numerics(threads=threads)
@@ -215,6 +217,20 @@ def _resume(directory: Path, overrides: dict[str, Any], how: How) -> None:
                 save_scene(replace(scene, duration=end), files.scene)
 
     _start(make, directory, replace(how, resume=True), lengthen)
+
+
+def _check_end(
+    directory: Path, until: float | None, scene: "Scene", state: "Checkpoint | None"
+) -> None:
+    """Raise ValueError if a run that goes on has passed the end that is asked for."""
+    reached = 0.0 if state is None else state.steps * scene.numerics.dt
+    if until is not None and until < reached - 1e-9:
+        message = (
+            f"--until {until:g}: the run has reached t = {reached:g} already; give a later end, or "
+            "start a new run from an earlier save: morphosim run SCENE "
+            f"--from {directory} --time T -o NEW"
+        )
+        raise ValueError(message)
 
 
 def _simulate(
@@ -290,25 +306,18 @@ def _go(simulation: "Simulation", output: Path, how: How) -> None:
     """Run with output and progress; end with a summary, whatever happens."""
     from morphosim.errors import SaveError, SimulationError
     from morphosim.runs.writer import RunWriter
+    from morphosim.simulation.ending import words_of_ending
 
     writer = RunWriter.of(simulation.scene, output, how.resume, how.overwrite)
     bar = _bar(simulation.scene.duration)
     status = 0
     try:
         simulation.run(observers=[writer, bar])
-    except KeyboardInterrupt:
-        kept = "saved" if simulation.whole else "the saves before are kept"
-        tell_line(
-            f"interrupted at t = {simulation.time:g}; {kept}. "
-            f"Go on with: morphosim run --resume {output}"
-        )
-        status = INTERRUPTED
-    except SaveError as error:
-        tell_line(f"error: {error}")
-        raise typer.Exit(RUN_ERROR) from error
-    except SimulationError as error:
-        tell_line(f"error: {error}. The last state is saved")
-        status = RUN_ERROR
+    except (KeyboardInterrupt, SaveError, SimulationError, MemoryError) as error:
+        tell_line(words_of_ending(error, simulation, writer))
+        status = INTERRUPTED if isinstance(error, KeyboardInterrupt) else RUN_ERROR
+        if isinstance(error, SaveError | MemoryError):
+            raise typer.Exit(status) from error
     note(_summary(simulation, bar, output))
     raise typer.Exit(status)
 

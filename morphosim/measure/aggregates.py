@@ -123,9 +123,10 @@ def _components(count: int, contacts: Integers) -> Integers:
 
 
 def _centres(measured: Measurement, members: Integers) -> Real:
-    """Centre of mass of each aggregate; cells without volume do not count."""
-    weight = np.where(measured.volume > 0, measured.volume, 0)
-    place = np.nan_to_num(measured.centroid)
+    """Centre of mass of each aggregate; cells without volume or a known place do not count."""
+    known = (measured.volume > 0) & np.isfinite(measured.centroid).all(axis=1)
+    weight = np.where(known, measured.volume, 0)
+    place = np.where(known[:, None], measured.centroid, 0)
     sums = np.stack([np.bincount(members, weight * place[:, axis]) for axis in range(3)], axis=1)
     with np.errstate(invalid="ignore"):
         return np.asarray(sums / np.bincount(members, weight)[:, None])
@@ -133,8 +134,8 @@ def _centres(measured: Measurement, members: Integers) -> Real:
 
 def _semi_axes(measured: Measurement, chosen: NDArray[np.bool_]) -> Real:
     """Semi-axes of the ellipsoid of some cells' second moments, the shortest first, µm."""
-    solid = measured.enclosed_volume > 0
-    chosen = chosen & solid & np.isfinite(measured.semi_axes).all(axis=1)
+    known = np.isfinite(measured.centroid) & np.isfinite(measured.semi_axes)
+    chosen = chosen & (measured.enclosed_volume > 0) & known.all(axis=1)
     if not chosen.any():
         return np.full(3, np.nan)
     weight = measured.enclosed_volume[chosen] / measured.enclosed_volume[chosen].sum()

@@ -41,11 +41,15 @@ class Surface:
 
 
 def cell_surface(field: CellField, spacing: float, level: float = SURFACE) -> Surface:
-    """Surface φ = `level` of one cell; without triangles where φ is nowhere above it."""
+    """Surface φ = `level` of one cell; without triangles where φ is nowhere above it.
+
+    Points where φ is not finite count as outside.
+    """
     from skimage.measure import marching_cubes
 
     _validate.number("level", level, above=0)
     phi = np.pad(np.asarray(field.phi, np.float32), 1)
+    phi[~np.isfinite(phi)] = 0
     if phi.max() <= level:
         return Surface(field.name, np.zeros((0, 3)), np.zeros((0, 3), np.int64))
     vertices, faces, _, _ = marching_cubes(phi, level)

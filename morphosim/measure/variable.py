@@ -82,12 +82,23 @@ class Variable:
             message = f"variable {name!r} is no array: {error}"
             raise VariableError(message) from error
         self._check_type(name, array.dtype)
-        shape = tuple(IN_SPACE.get(dimension, cells) for dimension in self.dims[1:])
+        shape = self.shape(cells)
         if array.shape != shape:
             along = f"along {', '.join(self.dims[1:])}" if shape else "a single value"
             message = f"variable {name!r} has shape {array.shape}; expected {shape}, {along}"
             raise VariableError(message)
         return array if self.kind is str else array.astype(self.kind, copy=False)
+
+    def shape(self, cells: int) -> tuple[int, ...]:
+        """Shape of a value at one time."""
+        return tuple(IN_SPACE.get(dimension, cells) for dimension in self.dims[1:])
+
+    def absent(self, cells: int) -> NDArray[Any]:
+        """What stands for a value that there is not: NaN, 0 for a whole number, or ""."""
+        if self.kind is str:
+            return np.full(self.shape(cells), "")
+        nothing = 0 if np.dtype(self.kind).kind == "i" else np.nan
+        return np.full(self.shape(cells), nothing, self.kind)
 
     def _check_type(self, name: str, given: np.dtype[Any]) -> None:
         if self.kind is str:

@@ -1,7 +1,6 @@
 """A simulation over ranks: the same scene, the same steps, each rank with its share."""
 
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
 from typing import cast
 
 import numpy as np
@@ -11,7 +10,7 @@ from morphosim.mpi.communicator import StoppedError, agreed, world
 from morphosim.mpi.distributed_engine import DistributedEngine
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.simulation.changes import used_names
-from morphosim.simulation.observers import Observer
+from morphosim.simulation.observers import Observer, finish_all
 from morphosim.simulation.simulation import Simulation
 from morphosim.simulation.start import cell_columns, start_fields
 
@@ -140,10 +139,8 @@ class RootObserver:
         """See `Observer`."""
 
         def end() -> None:
-            with ExitStack() as stack:  # calls all of them, even if one raises
-                for observer in self._started:
-                    stack.callback(observer.finish, simulation)
-                self._started = []
+            started, self._started = self._started, []
+            finish_all(started, simulation)
 
         on_root(simulation, end)
 

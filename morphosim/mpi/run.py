@@ -7,13 +7,14 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from morphosim.errors import SaveError, SimulationError
 from morphosim.mpi.communicator import StoppedError, agreed, is_agreed, trace_of, world
 from morphosim.mpi.distributed_simulation import RootObserver, on_root
 from morphosim.progress import tell_line
 from morphosim.runs.writer import RunWriter
+from morphosim.simulation.ending import words_of_ending
 from morphosim.simulation.interrupts import SIGNALS
 from morphosim.simulation.observers import Observer
 from morphosim.simulation.progress_bar import ProgressBar
@@ -87,7 +88,7 @@ def go(
             _leave(comm, error)
             raise
         with _ends_all(comm):
-            status = _advance(simulation, observers, output)
+            status = _advance(simulation, observers)
             if summary is not None and (status != FAILED or simulation.error):
                 text = summary
                 on_root(simulation, lambda: say(text(simulation, drawn, output)))
@@ -104,42 +105,38 @@ def _observers(
     return [writer, bar]
 
 
-def _advance(simulation: Simulation, observers: RootObserver, output: Path) -> int:
+def _advance(simulation: Simulation, observers: RootObserver) -> int:
     """Run; tell what has ended the run before its end."""
-    text, status = "", FAILED
     try:
         simulation.run(observers=[observers])
         return DONE
-    except KeyboardInterrupt:
-        text = f"interrupted at t = {simulation.time:g}; saved. "
-        text += f"Go on with: morphosim run --resume {output}"
-        status = INTERRUPTED
-    except SaveError as error:
-        text = f"error: {error}"
-    except SimulationError as error:
-        kept = "The last state is saved" if simulation.whole else "The saves before are kept"
-        text = f"error: {error}. {kept}"
-    except Exception as error:
-        if not (isinstance(error, StoppedError) or is_agreed(error)):
+    except (KeyboardInterrupt, SaveError, SimulationError) as raised:
+        error: BaseException = raised
+    except Exception as raised:
+        if not (isinstance(raised, StoppedError) or is_agreed(raised)):
             raise
-        text = trace_of(error)  # of a step; else rank 0 has it, and tells
+        if world().rank == 0:
+            tell_line(trace_of(raised))  # of a step; else rank 0 has it, and tells
+        return FAILED
     if world().rank == 0:
-        tell_line(text)
-    return status
+        writer = cast(RunWriter, observers.observers[0])
+        tell_line(words_of_ending(error, simulation, writer))
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else FAILED
 
 
 @contextmanager
 def _signals(rank: int) -> Iterator[list[int]]:
     """Signals that rank 0 has got to stop; the other ranks do not heed them, and wait for it."""
     got: list[int] = []
+    heard = [kind for kind in SIGNALS if signal.getsignal(kind) is not signal.SIG_IGN]
     before = [
         signal.signal(kind, (lambda number, _: got.append(number)) if rank == 0 else signal.SIG_IGN)
-        for kind in SIGNALS
+        for kind in heard
     ]
     try:
         yield got
     finally:
-        for kind, handler in zip(SIGNALS, before, strict=True):
+        for kind, handler in zip(heard, before, strict=True):
             signal.signal(kind, handler)
 
 

@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,14 @@ from numpy.typing import NDArray
 from morphosim._files import guarded, replacing
 from morphosim.physics.term import Term
 from morphosim.provenance import versions
+from morphosim.runs.identity import Identity
 from morphosim.scene.term_tables import term_table
 
-FORMAT = 2
+FORMAT = 3
 """Version of the file; others are refused. Version 0.1 of the package wrote 1."""
-FACTS, BACK = "facts", "back:"
+FACTS, BACK, DIGEST = "facts", "back:", "facts:digest"
+FIELDS = ("phi", "history", "band")
+"""Arrays of all boxes, and what is known of each box."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,13 +33,15 @@ class Checkpoint:
     steps : steps taken
     stage : name of the stage
     removed : (time, name) of cells that were taken out
-    settings : physics and numerics of the scene, as a scene file says them
+    settings : what the scene says that must stay the same, see `fingerprint.settings`
     arrays : what `Engine.contents` gives: the columns of the cell table, and the fields
     volumes : target volumes that are functions, by name of the cell: what a scene file says of a
         `VolumeCourse`, or None for another function, which is the scene's to say
     used : names that other cells had before
     progress : how far the stages are, see `StageRunner.facts`; None without stages
     back : state that the present stage may end with
+    identity : which run it is of
+    error : why the simulation cannot go on; "" while it can
     """
 
     physics: Mapping[str, Any]
@@ -48,6 +54,8 @@ class Checkpoint:
     used: tuple[str, ...] = ()
     progress: Mapping[str, Any] | None = None
     back: "Checkpoint | None" = None
+    identity: Identity = field(default_factory=Identity)
+    error: str = ""
 
     @property
     def names(self) -> list[str]:
@@ -63,6 +71,7 @@ class Checkpoint:
             The physics have a term that no file can say.
         """
         arrays = self._packed("")
+        arrays[DIGEST] = np.array(_digest(arrays))
         with replacing(path) as partial, partial.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
 
@@ -71,24 +80,58 @@ class Checkpoint:
         facts = {f.name: getattr(self, f.name) for f in fields(self)}
         del facts["arrays"], facts["back"]
         facts |= {"format": FORMAT, "version": versions()["morphosim"]}
+        facts["identity"] = asdict(self.identity)
         arrays = {prefix + name: value for name, value in self.arrays.items()}
         arrays[prefix + FACTS] = np.array(json.dumps(facts, default=_refused))
         return arrays | (self.back._packed(prefix + BACK) if self.back else {})
 
     @classmethod
     def read(cls, path: Path) -> "Checkpoint":
-        """Read what `write` wrote; ValueError if it is damaged or of another version."""
+        """Read what `write` wrote.
+
+        Raises
+        ------
+        ValueError
+            It is damaged, has been changed since, or is of another version.
+        """
         arrays = guarded(path, lambda: _arrays(path))
         facts = guarded(path, lambda: dict(json.loads(str(arrays[FACTS]))))
         if facts.get("format") != FORMAT:
             here, there = versions()["morphosim"], facts.get("version", "0.1.0")
             message = (
-                f"{path} was written by version {there} of morphosim, this is {here}; go on with "
-                f"that version, or start a new run from the fields: morphosim run SCENE --from "
-                f"{path.parent} -o NEW"
+                f"{path} was written by version {there} of morphosim, this is {here} with states "
+                f"of format {FORMAT}; go on with that version, or start a new run from the fields: "
+                f"morphosim run SCENE --from {path.parent} -o NEW"
             )
             raise ValueError(message)
-        return guarded(path, lambda: cls._unpacked(arrays))
+        if str(arrays.pop(DIGEST, "")) != _digest(arrays):
+            message = f"{path} has been changed since it was written: it does not fit its digest"
+            raise ValueError(message)
+        state = guarded(path, lambda: cls._unpacked(arrays))
+        state._check(path)
+        return state
+
+    def _check(self, path: Path) -> None:
+        """Raise ValueError if no simulation can be at this state."""
+        count, shape = len(self.names), self.arrays["shape"]
+        if len(set(self.names)) != count or shape.shape != (count, 3):
+            message = f"{path}: the saved state has {count} names for {len(shape)} boxes of cells"
+            raise ValueError(message)
+        if self.arrays["phi"].size != shape.prod(axis=1).sum():
+            message = f"{path}: the fields of the saved state do not fit the boxes of its cells"
+            raise ValueError(message)
+        bad = [
+            name for name in FIELDS
+            if name in self.arrays and not np.isfinite(self.arrays[name]).all()
+        ]  # fmt: skip
+        if bad:
+            message = f"{path}: {bad[0]} of the saved state is not finite"
+            raise ValueError(message)
+        if not isinstance(self.steps, int) or self.steps < 0:
+            message = f"{path}: the saved state is at step {self.steps!r}; expected a count"
+            raise ValueError(message)
+        if self.back is not None:
+            self.back._check(path)
 
     @classmethod
     def _unpacked(cls, arrays: dict[str, NDArray[Any]]) -> "Checkpoint":
@@ -96,6 +139,7 @@ class Checkpoint:
         del facts["format"], facts["version"]
         facts["removed"] = tuple((time, name) for time, name in facts["removed"])
         facts["used"] = tuple(facts["used"])
+        facts["identity"] = Identity(**facts["identity"])
         inner = {
             name.removeprefix(BACK): arrays.pop(name)
             for name in list(arrays) if name.startswith(BACK)
@@ -115,3 +159,13 @@ def _refused(item: Any) -> Any:
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Text that is another one if any array is."""
+    found = sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype.str} {array.shape} ".encode())
+        found.update(array.reshape(-1).view(np.uint8).data)
+    return found.hexdigest()

@@ -1,5 +1,6 @@
 """Names of a run directory's files, and the lock that keeps two runs out of one."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,13 +39,36 @@ class RunDirectory:
     @property
     def saves(self) -> list[Path]:
         """Files of all saves, in order."""
-        return sorted(self.path.glob("save-*.nc"))
+        return [self.save(number) for number in self.saved]
+
+    @property
+    def saved(self) -> list[int]:
+        """Numbers of all saves, in order."""
+        return self._numbers("save-*.nc")
+
+    @property
+    def restarts(self) -> list[int]:
+        """Numbers of the saves whose whole state is kept, in order."""
+        return self._numbers("restart-*.npz")
 
     @property
     def last(self) -> int:
         """Number of the last save; -1 if there is none."""
-        saves = self.saves
-        return int(saves[-1].stem.partition("-")[2]) if saves else -1
+        return max(self.saved, default=-1)
+
+    def _numbers(self, pattern: str) -> list[int]:
+        """Numbers of the files of a kind; others that look alike, such as copies, do not count."""
+        found = (re.fullmatch(r"\w+-(\d{6,})", path.stem) for path in self.path.glob(pattern))
+        return sorted(int(match[1]) for match in found if match)
+
+    @property
+    def place(self) -> tuple[int, int] | None:
+        """What tells this folder from another of the same name; None if it is not there."""
+        try:
+            found = self.path.stat()
+        except OSError:
+            return None
+        return found.st_dev, found.st_ino
 
     def check_free(self, overwrite: bool = False) -> None:
         """Raise FileExistsError if there is a run, or a scene unless `overwrite`."""
@@ -70,12 +94,24 @@ class RunDirectory:
             file.unlink(missing_ok=True)
 
     def tidy(self) -> None:
-        """Delete what a process that was killed has left half written, and old states."""
-        keep = self.restart(self.last)
-        for pattern in ("restart-*.npz", *(f"{name}-*{PARTIAL}" for name in ("save", "restart"))):
-            for file in self.path.glob(pattern):
-                if file != keep:
-                    file.unlink(missing_ok=True)
+        """Delete what a process that was killed has left half written."""
+        for name in ("save", "restart"):
+            for file in self.path.glob(f"{name}-*{PARTIAL}"):
+                file.unlink(missing_ok=True)
+
+    def keep_states(self, number: int) -> None:
+        """Delete all states but that of a save and the one before it."""
+        for other in self.restarts:
+            if other not in (number - 1, number):
+                self.restart(other).unlink(missing_ok=True)
+
+    def drop_after(self, number: int) -> None:
+        """Delete what comes after a save."""
+        for path in [
+            *(self.save(k) for k in self.saved if k > number),
+            *(self.restart(k) for k in self.restarts if k > number),
+        ]:
+            path.unlink(missing_ok=True)
 
     def locked(self) -> Any:
         """Lock on the directory, held by this process until it is released or the process ends.

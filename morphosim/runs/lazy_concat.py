@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from morphosim._files import guarded
+
 
 @dataclass(frozen=True, slots=True)
 class Segment:
@@ -30,10 +32,14 @@ class Segment:
     table: NDArray[Any] | None = None
 
     def read(self, part: slice) -> NDArray[Any]:
-        """Values of a slice."""
-        with xr.open_dataset(self.path, engine="netcdf4", group=self.group, cache=False) as file:
-            values: NDArray[Any] = file[self.name][part].values
+        """Values of a slice; ValueError that names the file if it is damaged."""
+        values = guarded(self.path, lambda: self._values(part))
         return values if self.table is None else self.table[values]
+
+    def _values(self, part: slice) -> NDArray[Any]:
+        """Values of a slice as they are in the file."""
+        with xr.open_dataset(self.path, engine="netcdf4", group=self.group, cache=False) as file:
+            return np.asarray(file[self.name][part].values)
 
 
 class Chain(BackendArray):

@@ -1,5 +1,6 @@
 """A simulation at the time of a save, and what is measured of it."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from operator import attrgetter
@@ -195,10 +196,16 @@ class MeasuredState:
         return self.simulation.types
 
     def _measure(self, declared: Measured[Any]) -> NDArray[Any]:
-        """Value of a variable, checked."""
-        part = _PARTS.get(declared.owner)
-        value = self._call(declared) if part is None else getattr(part(self), declared.name)
-        return declared.variable.fitted(declared.name, value, len(self.names))
+        """Value of a variable, checked; of a run that an error has ended, absent if it fails."""
+        part, variable = _PARTS.get(declared.owner), declared.variable
+        try:
+            value = self._call(declared) if part is None else getattr(part(self), declared.name)
+            return variable.fitted(declared.name, value, len(self.names))
+        except Exception as error:
+            if not self.simulation.error:
+                raise
+            warnings.warn(f"the last save is without {declared.name}: {error}", stacklevel=2)
+            return variable.absent(len(self.names))
 
     def _call(self, function: Measured[Any]) -> Any:
         """Value of a user's function."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._files import guarded
 from morphosim.measure.variable import Variable
 from morphosim.runs.lazy_concat import Segment, chained
 from morphosim.runs.netcdf_variables import described
@@ -28,6 +29,8 @@ LAZY = {name: group for group, held in GROUPS.items() for name in held if held[n
 MATRIX = "contact_area"
 MOST_IN_MATRIX = 1 << 27
 """Numbers of a run's matrix of contacts (512 MB); beyond, contacts are a list."""
+NEEDED = ("time", "step", "cell", "parent", "axis", "principal", "volume")
+"""Variables without which a file is no save."""
 Table = dict[str, NDArray[Any]]
 
 
@@ -57,7 +60,16 @@ class Save:
 
     @classmethod
     def read(cls, path: Path) -> "Save":
-        """Read a save; OSError names the file if it is damaged."""
+        """Read a save; ValueError that names the file if it is damaged, or no save."""
+        save = guarded(path, lambda: cls._read(path))
+        lacking = [name for name in NEEDED if name not in save.table]
+        if lacking:
+            message = f"{path} is no save of a run: it has no variable {lacking[0]!r}"
+            raise ValueError(message)
+        return save
+
+    @classmethod
+    def _read(cls, path: Path) -> "Save":
         import netCDF4
 
         with netCDF4.Dataset(path) as file:
@@ -89,12 +101,22 @@ class Save:
         """Names of the cells."""
         return [str(name) for name in self.table["cell"]]
 
+    @property
+    def step(self) -> int:
+        """Steps taken."""
+        return int(self.table["step"][0])
+
+    @property
+    def run_id(self) -> str:
+        """Which run it is of; "" in saves of version 0.1."""
+        return str(self.attributes.get("run_id", ""))
+
 
 def _values(group: Any) -> Table:
     return {name: v[...] for name, v in group.variables.items() if name not in LAZY}
 
 
-def merged(paths: Sequence[Path]) -> "xr.Dataset":
+def merged(saves: Sequence[Save]) -> "xr.Dataset":
     """One Dataset of all saves; cells in the order in which they first appear.
 
     Raises
@@ -104,7 +126,6 @@ def merged(paths: Sequence[Path]) -> "xr.Dataset":
     """
     import xarray as xr
 
-    saves = _kept([Save.read(path) for path in paths])
     place = {name: k for k, name in enumerate(dict.fromkeys(n for s in saves for n in s.cells))}
     columns = [np.array([place[name] for name in save.cells]) for save in saves]
     table = _tables(saves, columns, list(place))
@@ -153,15 +174,6 @@ def _encoding(saves: Sequence[Save]) -> dict[str, Any]:
     """How the fields are stored, if it is alike in all saves."""
     packed = all(save.packed for save in saves if "fields" in save.groups)
     return {"dtype": "int16", "scale_factor": np.float32(PHI_STEP)} if packed else {}
-
-
-def _kept(saves: Sequence[Save]) -> list[Save]:
-    """Saves without those that a later one has gone back behind."""
-    kept: list[Save] = []
-    for save in reversed(saves):
-        if not kept or save.table["step"][0] < kept[-1].table["step"][0]:
-            kept.append(save)
-    return kept[::-1]
 
 
 def _stacked(

@@ -10,6 +10,7 @@ from morphosim.cell_field import CellField
 from morphosim.measure.measurement import Measurement
 from morphosim.physics.parameters import Physics
 from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.identity import Identity
 from morphosim.scene.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,10 @@ class Observed(Protocol):
     @property
     def error(self) -> str:
         """Why the simulation cannot go on; "" while it can."""
+
+    @property
+    def identity(self) -> Identity:
+        """Which run it is."""
 
     @property
     def finished(self) -> bool:

@@ -1,6 +1,7 @@
 """Going on from a saved run: exactly, or with another scene."""
 
 import json
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +10,17 @@ from typing import Any
 import numpy as np
 
 from morphosim.cell_field import CellField
+from morphosim.errors import DamageWarning
 from morphosim.geometry.shapes import Field
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.directory import RunDirectory
+from morphosim.runs.identity import Identity
 from morphosim.runs.reader import read_run
-from morphosim.runs.saved_fields import load_fields, time_index
+from morphosim.runs.save_facts import SaveFacts, whole_saves
+from morphosim.runs.saved_fields import load_fields, spacing, time_index_near
 from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.file import load_scene
-from morphosim.scene.fingerprint import settings
+from morphosim.scene.fingerprint import first_difference, settings
 from morphosim.scene.scene import Scene
 from morphosim.scene.tables import physics_of
 
@@ -34,71 +38,113 @@ def saved_scene(directory: Path) -> Scene:
 
 
 def saved_state(directory: Path) -> tuple[Scene, Checkpoint | None]:
-    """Scene of a run, and its state at the last save; None before the first.
+    """Scene of a run, and its last state that is whole; None before the first save.
 
     Raises
     ------
     FileNotFoundError
         There is no run, or no state.
     ValueError
-        The run has ended by an error, or its scene file has been changed.
+        The run has ended by an error, no state is whole, or the scene file has been changed.
+
+    Warns
+    -----
+    DamageWarning
+        A state is damaged, or does not belong to the run, so that it goes on from the one before.
     """
     files = RunDirectory(directory)
     scene = saved_scene(directory)
-    if not files.saves:
+    if not files.saved and not files.restarts:
         return scene, None
-    _check_sound(files)
-    path = files.restart(files.last)
-    if not path.exists():
-        message = f"{path} is missing: the run cannot go on to the same bits. {_branch(directory)}"
-        raise FileNotFoundError(message)
-    state = Checkpoint.read(path)
-    _check_same(files, state.settings, settings(scene))
+    saves = whole_saves(files)
+    state = _last_state(files, saves)
+    error = state.error or (saves[max(saves)].error if saves else "")
+    if error:
+        message = f"{directory} has ended by an error and cannot go on: {error}. {_branch(files)}"
+        raise ValueError(message)
+    if found := first_difference(state.settings, settings(scene)):
+        key, had, has = found
+        message = (
+            f"{files.scene}: {key} is {has}, the run had {had}; a run goes on unchanged. "
+            f"{_branch(files)}"
+        )
+        raise ValueError(message)
     return scene, state
 
 
-def _branch(directory: Path) -> str:
+def _branch(files: RunDirectory) -> str:
     """What to try where a run cannot go on."""
-    return f"Start a new run from its fields: morphosim run SCENE --from {directory} -o NEW"
+    return f"Start a new run from its fields: morphosim run SCENE --from {files.path} -o NEW"
 
 
-def _check_sound(files: RunDirectory) -> None:
-    import netCDF4
+def _last_state(files: RunDirectory, saves: Mapping[int, SaveFacts]) -> Checkpoint:
+    """The last state that is whole and belongs to the saves."""
+    faults: list[ValueError] = []
+    again: Checkpoint | None = None
+    for number in reversed(files.restarts):
+        try:
+            state = Checkpoint.read(files.restart(number))
+            _check_belongs(files.restart(number), state, saves, number)
+        except ValueError as error:
+            faults.append(error)
+            continue
+        if number > max(saves, default=number) and state.steps <= saves[max(saves)].step:
+            again = state  # from a stage's end that went back; the run comes to it once more
+            continue
+        for fault in faults:
+            message = f"{fault}; the run goes on from {files.restart(number).name}"
+            warnings.warn(message, DamageWarning, stacklevel=5)
+        return state
+    if again is not None:
+        return again
+    if faults:
+        message = f"{faults[0]}. {_branch(files)}"
+        raise ValueError(message)
+    path = files.restart(max(files.last, 0))
+    message = f"{path} is missing: the run cannot go on to the same bits. {_branch(files)}"
+    raise FileNotFoundError(message)
 
-    with netCDF4.Dataset(files.save(files.last)) as file:
-        error = file.getncattr("error")
-    if error:
-        message = (
-            f"{files.path} has ended by an error and cannot go on: {error}. {_branch(files.path)}"
-        )
+
+def _check_belongs(
+    path: Path, state: Checkpoint, saves: Mapping[int, SaveFacts], number: int
+) -> None:
+    """Raise ValueError unless a state is of the run of these saves, and of the save beside it."""
+    if saves and state.identity.id != saves[max(saves)].run_id:
+        message = f"{path} is of another run than the saves in {path.parent}"
+        raise ValueError(message)
+    if number not in saves:
+        return
+    save, spacing = saves[number], state.settings["numerics"]["spacing"]
+    at = (("step", state.steps, save.step), ("cells", state.names, save.cells))
+    for what, its, saved in at:
+        if its != saved:
+            message = f"{path} does not fit its save: {what} {its}, where the save has {saved}"
+            raise ValueError(message)
+    apart = np.abs(state.arrays["origin"] * spacing - save.low).max(axis=1) > 0.5 * spacing
+    if apart.any():
+        name = state.names[int(np.flatnonzero(apart)[0])]
+        message = f"{path} does not fit its save: cell {name!r} is elsewhere"
         raise ValueError(message)
 
 
-def _check_same(files: RunDirectory, had: Mapping[str, Any], has: Mapping[str, Any]) -> None:
-    """Raise ValueError naming what differs between the run's settings and its scene file."""
-    for table in had:
-        for key in sorted(had[table].keys() | has[table].keys()):
-            before, now = had[table].get(key), has[table].get(key)
-            if before != now:
-                message = (
-                    f"{files.scene}: {table}.{key} is {now}, the run had {before}; a run goes on "
-                    f"unchanged. {_branch(files.path)}"
-                )
-                raise ValueError(message)
-
-
-def branched_scene(directory: Path, scene: Scene | None, time: float | None) -> Scene:
-    """Scene whose cells start from the fields that a run has saved.
+def branched_scene(
+    directory: Path, scene: Scene | None, time: float | None
+) -> tuple[Scene, Identity]:
+    """Scene whose cells start from the fields that a run has saved, and the new run's identity.
 
     See `Simulation.from_run`.
     """
     with read_run(directory) as run:
-        index = time_index(run, time)
+        index = time_index_near(run, time)
         fields = load_fields(run, index)
-        spacing = float(run.attrs["spacing_um"])
         if scene is None:
             scene = _scene_at(directory, run.isel(time=index), fields)
-    return scene.with_fields(fields, spacing)
+        identity = Identity(
+            source=str(directory.absolute()),
+            source_id=str(run.attrs.get("run_id", "")),
+            source_time=float(run["time"][index]),
+        )
+        return scene.with_fields(fields, spacing(run)), identity
 
 
 def _scene_at(directory: Path, save: Any, fields: Sequence[CellField]) -> Scene:
@@ -143,9 +189,10 @@ def _physics_at(directory: Path, step: int) -> dict[str, Any]:
     """Physics that held at a save."""
     import netCDF4
 
-    for path in reversed(RunDirectory(directory).saves):
-        with netCDF4.Dataset(path) as file:
-            if int(file["step"][0]) == step:
+    files = RunDirectory(directory)
+    for number, facts in whole_saves(files).items():
+        if facts.step == step:
+            with netCDF4.Dataset(files.save(number)) as file:
                 return dict(json.loads(file.getncattr("physics")))
     message = f"{directory} has no save of step {step}"
     raise FileNotFoundError(message)

@@ -79,15 +79,8 @@ def provenance(simulation: Observed) -> dict[str, Any]:
         "duration": scene.duration,
         "error": simulation.error,
         "finished": int(simulation.finished),
+        **simulation.identity.attributes,
     }
-
-
-def step_of(path: Path) -> int:
-    """Steps taken at a save."""
-    import netCDF4
-
-    with netCDF4.Dataset(path) as file:
-        return int(file["step"][0])
 
 
 def _names(state: MeasuredState) -> Values:

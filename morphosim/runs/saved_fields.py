@@ -7,8 +7,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from morphosim import _validate
 from morphosim.cell_field import CellField
 
+CLOSE = 1e-6
+"""Times this near to each other are the same."""
+MOST_TOLD = 16
+"""Times that an error lists."""
 SELECTION = (
     "the Dataset is a selection of a run, so that it is not known which field or contact belongs "
     "to which of its cells and times; take "
@@ -150,7 +155,36 @@ def time_index(run: xr.Dataset, time: float | None) -> int:
     count = save_count(run)
     if time is None:
         return count - 1
-    return int(np.abs(run["time"].values - time).argmin())
+    return int(np.abs(run["time"].values - _validate.number("time", time)).argmin())
+
+
+def time_index_near(run: xr.Dataset, time: float | None) -> int:
+    """Index of the save nearest to `time`, if it is near; the last save for None.
+
+    Raises
+    ------
+    ValueError
+        The nearest is further away than half the time between saves there.
+    """
+    index = time_index(run, time)
+    if time is None:
+        return index
+    time, times = _validate.number("time", time, least=0), run["time"].values
+    gap = np.diff(times)[max(index - 1, 0) : index + 1].max(initial=0)
+    if np.abs(times[index] - time) > gap / 2 + CLOSE:
+        message = (
+            f"time = {time:g}: the run has no save near it; it has saves at t = {_some(times)}"
+        )
+        raise ValueError(message)
+    return index
+
+
+def _some(times: NDArray[np.float64]) -> str:
+    """Times for an error: all, or the first and the last ones of many."""
+    texts = [f"{time:g}" for time in times]
+    if len(texts) > MOST_TOLD:
+        texts = [*texts[: MOST_TOLD // 2], "…", *texts[-MOST_TOLD // 2 :]]
+    return ", ".join(texts)
 
 
 def load_fields(

@@ -17,7 +17,8 @@ from morphosim.runs.directory import RunDirectory
 from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.netcdf_variables import stored_variables
 from morphosim.runs.observed import Observed
-from morphosim.runs.save_file import step_of, write_save
+from morphosim.runs.save_facts import SaveFacts, whole_saves
+from morphosim.runs.save_file import write_save
 from morphosim.runs.shell import write_shell
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import SAVE_FIELDS, Scene
@@ -82,6 +83,7 @@ class RunWriter:
         _validate.flag("overwrite", overwrite)
         self.fields, self.labels, self.resume = fields, labels, resume
         self.overwrite = overwrite
+        self._number = self._saved = -1
         if not (resume or overwrite):
             self.files.check_free()
         self._make_folder()
@@ -132,11 +134,10 @@ class RunWriter:
     def stage_ended(self, simulation: Observed) -> None:
         """Save the end of a stage; saves of then and later, if it ends in the past, are dropped."""
         if simulation.steps <= self._saved:
-            beyond = self._number
             while self._told[-1][0] >= simulation.steps:
                 self._told.pop()
             self._save(simulation, anew=True)
-            self._drop(beyond, simulation.steps)
+            self._drop_between(simulation.steps)
         else:
             self._save(simulation)
         self._plan(simulation)
@@ -146,20 +147,24 @@ class RunWriter:
         try:
             if simulation.whole and not self._failed:
                 self._save(simulation)
+                self.files.drop_after(self._number)  # where a run has gone on from before these
         finally:
             self._close()
 
+    def holds(self, simulation: Observed) -> bool:
+        """Whether the last save is of the present state."""
+        return self._saved == simulation.steps
+
     def _begin(self, simulation: Observed) -> None:
         if self.resume:
-            self._check_fits(simulation)
+            self._find_place(simulation)
         elif self.overwrite:
             self.files.clear()
         else:
             self.files.check_free()
         self.files.tidy()
+        self._place = self.files.place
         self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
-        self._number = self.files.last
-        self._saved = simulation.steps if self.files.saves else -1
         self._marks = deque([_positions(simulation)], maxlen=4)
         if not self.resume:
             self._write_scene(simulation)
@@ -180,19 +185,26 @@ class RunWriter:
             )
             raise SaveError(message) from error
 
-    def _check_fits(self, simulation: Observed) -> None:
-        """Raise ValueError unless the simulation is at the last save, with the same variables."""
-        saved = 0
-        if self.files.saves:
-            last = self.files.save(self.files.last)
-            saved = step_of(last)
-            _check_variables(last)
-        if saved != simulation.steps:
+    def _find_place(self, simulation: Observed) -> None:
+        """Go on after the last save that is not of a later time than the simulation.
+
+        Raises
+        ------
+        ValueError
+            The saves are of another run, or hold other variables.
+        """
+        saves = whole_saves(self.files)
+        if saves and saves[max(saves)].run_id != simulation.identity.id:
             message = (
-                f"{self.directory} was last saved at step {saved}, the simulation is at step "
-                f"{simulation.steps}; take Simulation.from_run({str(self.directory)!r})"
+                f"{self.directory} holds the run of another simulation; take "
+                f"Simulation.from_run({str(self.directory)!r})"
             )
             raise ValueError(message)
+        before = [number for number, facts in saves.items() if facts.step <= simulation.steps]
+        if before:
+            self._number = max(before)
+            self._saved = saves[self._number].step
+            _check_variables(self.files.save(self._number))
 
     def _write_scene(self, simulation: Observed) -> None:
         """Scene file, where a file can say the scene, and the shell to be drawn."""
@@ -215,6 +227,9 @@ class RunWriter:
         """Save, unless the last save is of this step; `anew`, also then."""
         if simulation.steps == self._saved and not anew:
             return
+        if self.files.place != self._place:
+            self._failed = True
+            raise self._gone(simulation)
         number = self._number + 1
         events = "; ".join(text for _, text in simulation.events[self._told[-1][1] :])
         state = MeasuredState(simulation, self._mark_before(simulation.time), events)
@@ -224,7 +239,7 @@ class RunWriter:
             self._failed = True
             raise self._error(simulation, error) from error
         _log.debug("saved t = %g in %s", simulation.time, self.files.save(number))
-        self._other.submit(self.files.restart(self._number).unlink, missing_ok=True)
+        self._other.submit(self.files.keep_states, number)
         self._number, self._saved = number, simulation.steps
         self._told.append((simulation.steps, len(simulation.events)))
         self._marks.append(state.positions)
@@ -242,13 +257,24 @@ class RunWriter:
         marks = [mark for mark in self._marks if mark.time < time]
         return max(marks, key=lambda mark: mark.time, default=None)
 
-    def _drop(self, number: int, steps: int) -> None:
-        """Delete saves from this number down that are beyond a step."""
-        while number >= 0 and step_of(self.files.save(number)) >= steps:
+    def _drop_between(self, steps: int) -> None:
+        """Delete the saves before the last one that are not of an earlier step."""
+        for number in reversed(self.files.saved[:-1]):
+            if SaveFacts.read(self.files.save(number)).step < steps:
+                return
             self.files.save(number).unlink()
-            number -= 1
+
+    def _gone(self, simulation: Observed) -> SaveError:
+        message = (
+            f"cannot save t = {simulation.time:g}: the directory {self.directory} is not there any "
+            "more, as it was deleted or renamed while the run wrote to it. If it was renamed, go "
+            "on with: morphosim run --resume ITS-NEW-NAME"
+        )
+        return SaveError(message)
 
     def _error(self, simulation: Observed, error: OSError | VariableError) -> SaveError:
+        if self.files.place != self._place:
+            return self._gone(simulation)
         cause = getattr(error, "strerror", None) or error
         hint = (
             f"Make room or allow writing, then go on with: morphosim run --resume {self.directory}"

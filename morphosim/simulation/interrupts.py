@@ -1,4 +1,4 @@
-"""Ctrl-C, and a batch system's SIGTERM, that wait for the end of a step."""
+"""Ctrl-C, a batch system's SIGTERM and a closed terminal's SIGHUP wait for the end of a step."""
 
 import signal
 import threading
@@ -6,7 +6,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Signals that end a run; not every system has the last."""
+
+
+def interrupt_by_signals() -> None:
+    """Have `SIGNALS` raise KeyboardInterrupt, but those that `nohup` or a shell has us ignore."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 @contextmanager

@@ -1,6 +1,9 @@
 """What watches a run."""
 
-from typing import Protocol, TypeVar
+from collections.abc import Iterable
+from typing import Any, Protocol, TypeVar
+
+from morphosim.errors import told
 
 S_contra = TypeVar("S_contra", contravariant=True)
 
@@ -20,3 +23,34 @@ class Observer(Protocol[S_contra]):
 
     def finish(self, simulation: S_contra) -> None:
         """After the last step, also when the run ends by an error or by Ctrl-C."""
+
+
+def finish_all(
+    observers: "Iterable[Observer[Any]]", simulation: Any, ended: BaseException | None = None
+) -> None:
+    """Call `finish` of all observers, even if one raises.
+
+    Parameters
+    ----------
+    observers : iterable of Observer
+    simulation : what they watch
+    ended : exception, optional
+        What has ended the run. It stays the run's error: what observers raise are its notes.
+
+    Raises
+    ------
+    BaseException
+        What the first observer has raised, if nothing else has ended the run.
+    """
+    first = ended
+    for observer in observers:
+        try:
+            observer.finish(simulation)
+        except BaseException as error:
+            if first is None:
+                first = error
+            else:
+                name = type(observer).__name__
+                first.add_note(f"at the end {name} raised {type(error).__name__}: {told(error)}")
+    if ended is None and first is not None:
+        raise first

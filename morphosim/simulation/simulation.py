@@ -1,8 +1,8 @@
 """A simulation: a scene on its way through time."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import InitVar, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from morphosim import _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
 from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.identity import Identity
 from morphosim.scene import stability
 from morphosim.scene.fingerprint import settings
 from morphosim.scene.scene import Scene
@@ -20,7 +21,7 @@ from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
-from morphosim.simulation.observers import Observer
+from morphosim.simulation.observers import Observer, finish_all
 from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.state import State
@@ -48,6 +49,8 @@ class Simulation(State):
         Name of what the simulation is doing; free for the user to set, and saved.
     error : str
         Why the simulation cannot go on; "" while it can.
+    identity : Identity
+        Which run this is, and which it has started from.
 
     Raises
     ------
@@ -77,8 +80,8 @@ class Simulation(State):
     events: list[tuple[float, str]] = field(init=False, default_factory=list)
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
+    identity: Identity = field(init=False, default_factory=Identity)
     _stages: StageRunner = field(init=False)
-    _settings: dict[str, Any] = field(init=False)
 
     def __post_init__(self, state: Checkpoint | None) -> None:
         _validate.instance("scene", self.scene, Scene)
@@ -88,7 +91,6 @@ class Simulation(State):
         if state is None:
             check_size(scene)
         self._stages = StageRunner(scene.stages)
-        self._settings = settings(scene)
         self._volumes = VolumeFunctions(
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
         )
@@ -130,14 +132,14 @@ class Simulation(State):
             looked up in the run by name and start from their saved fields; cells of the run that
             it does not have are left out. By default the run's own scene.
         time : float, optional
-            *In silico* time of the save to start from, the nearest one; by default the last.
+            *In silico* time of the save to start from, or a time near it; by default the last.
 
         Raises
         ------
         FileNotFoundError
             There is no run, or it has no fields or no scene.
         ValueError
-            The run has ended by an error, or lacks a cell of the scene.
+            The run has ended by an error, lacks a cell of the scene, or has no save near the time.
 
         Examples
         --------
@@ -147,7 +149,10 @@ class Simulation(State):
 
         if scene is None and time is None:
             return cls(*resume.saved_state(Path(directory)))
-        return cls(resume.branched_scene(Path(directory), scene, time))
+        chosen, identity = resume.branched_scene(Path(directory), scene, time)
+        simulation = cls(chosen)
+        simulation.identity = identity
+        return simulation
 
     def checkpoint(self, alone: bool = False) -> Checkpoint:
         """The whole present state; `alone`, without how far the stages are."""
@@ -164,7 +169,14 @@ class Simulation(State):
             used=tuple(sorted(self._used.difference(self.names))),
             progress=None if stages is None else stages.facts(),
             back=None if stages is None else stages.back,
+            identity=self.identity,
+            error=self.error,
         )
+
+    @cached_property
+    def _settings(self) -> dict[str, Any]:
+        """What the scene says that must stay the same where the run goes on."""
+        return settings(self.scene)
 
     def go_back(self, state: Checkpoint) -> None:
         """Return to an earlier state of this simulation."""
@@ -178,6 +190,7 @@ class Simulation(State):
         physics = physics_of(relocated(state.physics, self.scene.courses), state.names)
         self.engine.restore(state.arrays, physics, state.steps)
         self.stage, self.removed = state.stage, list(state.removed)
+        self.identity = state.identity
         self._used = {*state.used, *state.names}
 
     @property
@@ -216,7 +229,9 @@ class Simulation(State):
         until : float, optional
             By default the scene's stages end the run, or its duration.
         observers : sequence of Observer
-            Each is told of the start, of every step and of the end, however the run ends.
+            Each is told of the start, of every step and of the end, however the run ends. What
+            one raises at the end does not replace the error that has ended the run: it becomes a
+            note of that (`BaseException.add_note`).
 
         Raises
         ------
@@ -230,6 +245,7 @@ class Simulation(State):
         last = self.scene.numerics.steps_to(end)
         started: list[Observer[Simulation]] = []
         staged = bool(self.scene.stages)
+        ended: BaseException | None = None
         try:
             for observer in observers:
                 observer.start(self)
@@ -245,13 +261,13 @@ class Simulation(State):
                         for observer in observers:
                             observer.after_step(self)
                     check_interrupt()
-        except SimulationError as error:
-            self.error = str(error)
+        except BaseException as error:
+            ended = error
+            if isinstance(error, SimulationError):
+                self.error = str(error)
             raise
         finally:
-            with ExitStack() as stack:  # calls all of them, even if one raises
-                for observer in reversed(started):
-                    stack.callback(observer.finish, self)
+            finish_all(started, self, ended)
 
     def _step(self) -> None:
         everyone = self.engine.everyone

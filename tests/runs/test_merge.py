@@ -1,6 +1,9 @@
 """One Dataset of all saves, of cells that come and go, read lazily, packed into one file."""
 
+import shutil
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -19,9 +22,12 @@ from morphosim import (
     open_run,
     pack,
 )
+from morphosim.errors import DamageWarning
 from morphosim.runs import lazy_concat as lazy
 from morphosim.runs import merge, netcdf_variables, save_file
 from morphosim.runs.schema import CONTACT_MATRIX
+
+from ..helpers import adopt_save
 
 
 def simulation(names: str = "abc", **options: object) -> Simulation:
@@ -41,9 +47,7 @@ def changing(tmp_path: Path) -> Path:
     simulation("abc").run(until=0, observers=[RunWriter(folder, 2, labels=True)])
     simulation("bcd").run(until=0, observers=[RunWriter(tmp_path / "later", 2, labels=True)])
     later = folder / "save-000001.nc"
-    (tmp_path / "later" / "save-000000.nc").rename(later)
-    with netCDF4.Dataset(later, "a") as file:
-        file["time"][:], file["step"][:] = 2.0, 1
+    adopt_save(tmp_path / "later" / "save-000000.nc", later, 2.0, 1)
     return folder
 
 
@@ -71,7 +75,11 @@ def test_saves_that_a_run_has_gone_back_behind_do_not_count(tmp_path: Path) -> N
     simulation().run(until=6, observers=[RunWriter(tmp_path, 2)])
     with netCDF4.Dataset(tmp_path / "save-000003.nc", "a") as file:
         file["time"][:], file["step"][:] = 2.0, 1
-    with open_run(tmp_path) as data:
+    with pytest.warns(
+        DamageWarning, match=r"save-00000[12]\.nc is not of an earlier time than .*3"
+    ):
+        data = open_run(tmp_path)
+    with data:
         assert data["step"].values.tolist() == [0, 1]
         assert data["box_time"].values.tolist() == [0, 0, 0, 1, 1, 1]
 
@@ -100,9 +108,7 @@ def test_contacts_are_a_list_beyond_many_cells(
         assert rows[0].tolist() == [0, 0, 1, 1]
         np.testing.assert_array_equal(data["contact_pair_area"], areas[tuple(rows)])
     # A run of both kinds gives the list.
-    moved = (tmp_path / "list" / "save-000001.nc").rename(dense / "save-000002.nc")
-    with netCDF4.Dataset(moved, "a") as file:
-        file["time"][:], file["step"][:] = 4.0, 2
+    adopt_save(tmp_path / "list" / "save-000001.nc", dense / "save-000002.nc", 4.0, 2)
     with open_run(dense) as data:
         assert data["contact_time"].values.tolist() == [0, 0, 1, 1, 2, 2]
         np.testing.assert_array_equal(
@@ -218,7 +224,66 @@ def test_packing_does_not_overwrite(changing: Path, tmp_path: Path) -> None:
     assert (tmp_path / "run.nc").read_text() == "mine"
 
 
-def test_a_damaged_save_is_named(changing: Path) -> None:
-    (changing / "save-000001.nc").write_bytes(b"no netCDF")
-    with pytest.raises(OSError, match=r"save-000001\.nc"):
-        open_run(changing)
+def foreign_file(path: Path) -> None:
+    with netCDF4.Dataset(path, "w") as file:
+        file.createDimension("time", 1)
+        file.createVariable("time", "f8", ("time",))[:] = 3.0
+
+
+def half_file(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-2000])
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda path: path.write_bytes(b"no netCDF"), lambda path: path.write_bytes(b""), half_file,
+     foreign_file],
+    ids=["other", "empty", "cut", "foreign"],
+)  # fmt: skip
+def test_a_damaged_save_is_named_and_the_others_open(damage: Any, tmp_path: Path) -> None:
+    simulation().run(until=4, observers=[RunWriter(tmp_path, 2)])
+    damage(tmp_path / "save-000001.nc")
+    with pytest.warns(DamageWarning, match=r"save-000001\.nc .*; it is left out") as told:
+        run = open_run(tmp_path)
+    assert len(told) == 1
+    with run:
+        assert run["time"].values.tolist() == [0, 4]
+        assert [field.name for field in load_fields(run, 1)] == list("abc")
+    for path in tmp_path.glob("save-*.nc"):
+        damage(path)
+    with pytest.raises(ValueError, match=r"save-000000\.nc") as caught:
+        open_run(tmp_path)
+    assert "\n" not in str(caught.value)
+    (tmp_path / "save-000000.nc").rename(tmp_path / "packed.nc")
+    with pytest.raises(ValueError, match=r"packed\.nc") as caught:
+        open_run(tmp_path / "packed.nc")
+    assert "\n" not in str(caught.value)
+
+
+def test_fields_that_are_damaged_are_named_when_they_are_read(tmp_path: Path) -> None:
+    simulation().run(until=2, observers=[RunWriter(tmp_path, 2)])
+    save = tmp_path / "save-000000.nc"
+    content = save.read_bytes()
+    for place in range(len(content) - 64, 0, -512):  # a chunk of phi is somewhere
+        save.write_bytes(content[:place] + bytes(64) + content[place + 64 :])
+        with suppress(OSError), netCDF4.Dataset(save) as file:
+            try:
+                file["fields"]["phi"][...]
+            except RuntimeError:
+                break
+    with open_run(tmp_path) as run:
+        assert len(load_fields(run, 1)) == 3
+        with pytest.raises(ValueError, match=r"save-000000\.nc cannot be read"):
+            load_fields(run, 0)
+
+
+def test_saves_of_another_run_and_copies_are_left_out(tmp_path: Path) -> None:
+    simulation().run(until=4, observers=[RunWriter(tmp_path / "a", 2)])
+    simulation("xyz").run(until=4, observers=[RunWriter(tmp_path / "b", 2)])
+    shutil.copy(tmp_path / "b" / "save-000001.nc", tmp_path / "a" / "save-000001.nc")
+    shutil.copy(tmp_path / "b" / "save-000002.nc", tmp_path / "a" / "save-copy.nc")
+    with pytest.warns(DamageWarning, match=r"save-000001\.nc is of another run than the other"):
+        run = open_run(tmp_path / "a")
+    with run:
+        assert run["time"].values.tolist() == [0, 4]
+        assert run["cell"].values.tolist() == list("abc")

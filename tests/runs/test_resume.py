@@ -1,14 +1,17 @@
 """Going on with saved runs: to the same bits, or with another scene."""
 
 import json
+import shutil
 import signal
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from morphosim import (
     Attraction,
@@ -26,10 +29,17 @@ from morphosim import (
     Sphere,
     Stage,
     VolumeCourse,
+    built_in_scene,
     load_scene,
     open_run,
+    save_scene,
 )
+from morphosim.cli import app
+from morphosim.errors import DamageWarning
+from morphosim.library.built_in import scene_names
+from morphosim.runs import checkpoint
 from morphosim.runs.checkpoint import Checkpoint
+from morphosim.scene.fingerprint import first_difference, settings
 
 from ..helpers import EXPECTED_TO_FAIL
 
@@ -114,14 +124,13 @@ def test_removed_cells_and_stage_are_remembered(tmp_path: Path) -> None:
 def test_what_a_killed_process_leaves_is_cleared_away(tmp_path: Path) -> None:
     chosen = scene()
     run(chosen, tmp_path, until=20)
-    for name in ("save-000002.nc.partial", "restart-000002.npz.partial", "restart-000002.npz"):
+    for name in ("save-000002.nc.partial", "restart-000002.npz.partial"):
         (tmp_path / name).write_bytes(b"half")
     again = Simulation.from_run(tmp_path)
     again.run(until=40, observers=[RunWriter(tmp_path, 20, resume=True)])
     names = {p.name for p in tmp_path.iterdir()}
-    assert names == {"lock", "scene.toml", "restart-000002.npz"} | {
-        f"save-00000{k}.nc" for k in range(3)
-    }
+    states = {f"restart-00000{k}.npz" for k in (1, 2)}  # of two saves, if one is damaged
+    assert names == {"lock", "scene.toml", *states} | {f"save-00000{k}.nc" for k in range(3)}
     assert Checkpoint.read(tmp_path / "restart-000002.npz").steps == 20
 
 
@@ -142,9 +151,9 @@ def test_two_runs_into_one_directory_are_refused(tmp_path: Path) -> None:
     Simulation(scene()).run(until=0, observers=[RunWriter(tmp_path, 20), Second()])
 
 
-def test_a_simulation_of_another_time_does_not_go_on(tmp_path: Path) -> None:
+def test_another_simulation_does_not_go_on_with_a_run(tmp_path: Path) -> None:
     run(scene(), tmp_path, until=20)
-    with pytest.raises(ValueError, match="last saved at step 10, the simulation is at step 0"):
+    with pytest.raises(ValueError, match=r"holds the run of another simulation; take Simulation"):
         Simulation(scene()).run(observers=[RunWriter(tmp_path, 20, resume=True)])
 
 
@@ -187,7 +196,8 @@ def test_walls_and_stages_must_stay_too(tmp_path: Path, before: str, after: str)
     )  # fmt: skip
     assert before in text
     (tmp_path / "scene.toml").write_text(text.replace(before, after))
-    with pytest.raises(ValueError, match=r"scene\.(on_vanish|confinement|stages\[0\]) is"):
+    named = r"(on_vanish|confinement\.upper\[2\]|stages\[0\]\.end\.time) is .*, the run had"
+    with pytest.raises(ValueError, match=named):
         Simulation.from_run(tmp_path)
 
 
@@ -206,15 +216,153 @@ def test_a_cell_that_has_vanished_does_not_end_a_run(tmp_path: Path) -> None:
     assert_same_state(again, whole)
 
 
-def test_a_run_without_its_state_does_not_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("before", "after", "named"),
+    [
+        ("radius = 3", "radius = 4", r"cells\.a\.shape\.radius is 4, the run had 3"),
+        ("gamma = 0.3", "gamma = 0.4", r"cells\.b\.gamma is 0\.4, the run had 0\.3"),
+        ("    180,", "    181,", r"cells\.a\.volume\.volumes\[1\] is 181, the run had 180"),
+        ('name = "c"', 'name = "c"\nfrozen = true', r"cells\.c\.frozen is True, the run had False"),
+        ('name = "c"', 'name = "d"', r"cells\.c is not there, the run had it"),
+        ('name = "c"', 'name = "c"\ntype = "x"', r"cells\.c\.type is 'x', the run had ''"),
+    ],
+    ids=["radius", "gamma", "volume", "frozen", "name", "type"],
+)
+def test_cells_must_stay_too(tmp_path: Path, before: str, after: str, named: str) -> None:
+    run(scene(), tmp_path, until=4)
+    path = tmp_path / "scene.toml"
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
+    edited = path.read_bytes()
+    words = ["run", "--resume", str(tmp_path), "--until", "200"]
+    with pytest.raises(ValueError, match=named):
+        CliRunner().invoke(app, words, catch_exceptions=False)
+    assert path.read_bytes() == edited
+    path.write_text(text.replace("save_every = 20", "save_every = 10"))  # what may change
+    assert Simulation.from_run(tmp_path).time == 4
+
+
+def test_every_built_in_scene_goes_on_from_its_file(tmp_path: Path) -> None:
+    """What the state says of a scene is what its file says."""
+    for name in scene_names():
+        chosen = built_in_scene(name)
+        save_scene(chosen, tmp_path / "scene.toml")
+        said = json.loads(json.dumps(settings(chosen)))
+        assert first_difference(said, settings(load_scene(tmp_path / "scene.toml"))) is None, name
+
+
+def test_a_run_without_its_states_does_not_go_on(tmp_path: Path) -> None:
     run(scene(), tmp_path, until=20)
-    state = tmp_path / "restart-000001.npz"
-    state.write_bytes(state.read_bytes()[:1000])
-    with pytest.raises(ValueError, match=r"restart-000001\.npz cannot be read"):
+    states = sorted(tmp_path.glob("restart-*.npz"))
+    for state in states:
+        state.write_bytes(state.read_bytes()[:1000])
+    with pytest.raises(ValueError, match=r"restart-000001\.npz cannot be read.* --from"):
         Simulation.from_run(tmp_path)
-    state.unlink()
+    for state in states:
+        state.unlink()
     with pytest.raises(FileNotFoundError, match="Start a new run from its fields"):
         Simulation.from_run(tmp_path)
+
+
+# --- damage ------------------------------------------------------------------------------------
+
+
+def rewritten(path: Path, change: Callable[[dict[str, Any]], None], anew: bool = True) -> None:
+    """Change the arrays of a state; `anew`, with a digest that fits them."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    change(arrays)
+    if anew:
+        del arrays[checkpoint.DIGEST]
+        arrays[checkpoint.DIGEST] = np.array(checkpoint._digest(arrays))
+    np.savez(path, **arrays)
+
+
+def facts_set(**values: Any) -> Callable[[dict[str, Any]], None]:
+    def change(arrays: dict[str, Any]) -> None:
+        arrays["facts"] = np.array(json.dumps(json.loads(str(arrays["facts"])) | values))
+
+    return change
+
+
+def history_lost(arrays: dict[str, Any]) -> None:
+    arrays["history"][7] = np.nan
+
+
+def swapped(arrays: dict[str, Any]) -> None:
+    arrays["name"] = arrays["name"][[1, 0, 2]]
+
+
+def moved(arrays: dict[str, Any]) -> None:
+    arrays["origin"] = arrays["origin"][[1, 0, 2]]
+
+
+def cut(arrays: dict[str, Any]) -> None:
+    arrays["phi"] = arrays["phi"][:-5]
+
+
+STATE_FAULTS = {
+    "cut short": (lambda path: path.write_bytes(path.read_bytes()[:5000]), "cannot be read"),
+    "empty": (lambda path: path.write_bytes(b""), "cannot be read"),
+    "changed": (lambda path: rewritten(path, history_lost, anew=False), "has been changed since"),
+    "NaN": (lambda path: rewritten(path, history_lost), "history of the saved state is not finite"),
+    "step": (lambda path: rewritten(path, facts_set(steps=-5)), "is at step -5"),
+    "other step": (lambda path: rewritten(path, facts_set(steps=7)), "step 7, where the save has"),
+    "names": (
+        lambda path: rewritten(path, swapped),
+        r"cells \['b', 'a', 'c'\], where the save has",
+    ),
+    "places": (lambda path: rewritten(path, moved), "cell 'a' is elsewhere"),
+    "fields": (lambda path: rewritten(path, cut), "fields of the saved state do not fit"),
+}
+
+
+@pytest.mark.parametrize("fault", STATE_FAULTS)
+def test_a_damaged_state_costs_one_interval(tmp_path: Path, whole: Simulation, fault: str) -> None:
+    run(scene(), tmp_path, until=40)
+    damage, why = STATE_FAULTS[fault]
+    damage(tmp_path / "restart-000002.npz")
+    expected = rf"restart-000002\.npz.*{why}.*; the run goes on from restart-000001\.npz"
+    with pytest.warns(DamageWarning, match=expected) as told:
+        again = Simulation.from_run(tmp_path)
+    assert len(told) == 1
+    assert "\n" not in str(told[0].message)
+    assert again.time == 20
+    again.run(until=60, observers=[RunWriter(tmp_path, 20, resume=True)])
+    assert_same_state(whole, again)
+    with open_run(tmp_path) as data:
+        assert data["time"].values.tolist() == [0, 20, 40, 60]
+
+
+@pytest.fixture(scope="module")
+def whole() -> Simulation:
+    """The run at t = 60 without a fault."""
+    simulation = Simulation(scene())
+    simulation.run(until=60)
+    return simulation
+
+
+def test_the_state_of_another_run_is_refused(tmp_path: Path) -> None:
+    run(scene(), tmp_path / "a", until=20)
+    run(scene(), tmp_path / "b", until=20)
+    for name in ("restart-000000.npz", "restart-000001.npz"):
+        shutil.copy(tmp_path / "b" / name, tmp_path / "a" / name)
+    with pytest.raises(ValueError, match=r"restart-000001\.npz is of another run than the saves"):
+        Simulation.from_run(tmp_path / "a")
+
+
+def test_a_state_newer_than_the_last_save_is_used(tmp_path: Path, whole: Simulation) -> None:
+    for damage in (lambda path: path.unlink(), lambda path: path.write_bytes(b"")):
+        run(scene(), tmp_path / "run", until=40)
+        damage(tmp_path / "run" / "save-000002.nc")
+        again = Simulation.from_run(tmp_path / "run")
+        assert again.time == 40
+        again.run(until=60, observers=[RunWriter(tmp_path / "run", 20, resume=True)])
+        assert_same_state(whole, again)
+        with open_run(tmp_path / "run") as data:
+            assert data["time"].values.tolist() == [0, 20, 40, 60]
+        shutil.rmtree(tmp_path / "run")
 
 
 def test_no_run_and_no_scene(tmp_path: Path) -> None:
@@ -258,11 +406,32 @@ def test_another_scene_starts_from_a_save(tmp_path: Path) -> None:
 
 
 def test_a_branch_from_an_earlier_save(tmp_path: Path) -> None:
-    run(scene(), tmp_path, until=60)
-    with open_run(tmp_path) as data:
-        wanted = data["centroid"].sel(time=20).values
-    branch = Simulation.from_run(tmp_path, time=22)
+    run(scene(), tmp_path / "first", until=60)
+    with open_run(tmp_path / "first") as data:
+        wanted, run_id = data["centroid"].sel(time=20).values, data.attrs["run_id"]
+    branch = Simulation.from_run(tmp_path / "first", time=22)
     np.testing.assert_allclose(branch.centroids, wanted, atol=2e-3)
+    branch.run(until=0, observers=[RunWriter(tmp_path / "second", 20)])
+    again = Simulation.from_run(tmp_path / "second")
+    again.run(until=4, observers=[RunWriter(tmp_path / "second", 20, resume=True)])
+    with open_run(tmp_path / "second") as data:
+        assert data.attrs["run_id"] == branch.identity.id != run_id
+        assert data.attrs["from_run"] == str(tmp_path / "first")
+        assert data.attrs["from_run_id"] == run_id
+        assert data.attrs["from_time"] == 20
+
+
+def test_a_time_at_which_nothing_was_saved_is_told(tmp_path: Path) -> None:
+    run(scene(), tmp_path, until=60)
+    assert Simulation.from_run(tmp_path, time=69).identity.source_time == 60
+    for far in (71, 500, 1e300):
+        with pytest.raises(
+            ValueError, match=r"time = .*: the run has no save near it.* 0, 20, 40, 60"
+        ):
+            Simulation.from_run(tmp_path, time=far)
+    for wrong in (-5, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"time = .* is not allowed: it must be finite"):
+            Simulation.from_run(tmp_path, time=wrong)
 
 
 def test_a_branch_has_the_cells_as_they_were(tmp_path: Path) -> None:

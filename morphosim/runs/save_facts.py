@@ -1,0 +1,78 @@
+"""What saves say of themselves; which saves of a directory are whole, and of its run."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim._files import guarded
+from morphosim.runs.directory import RunDirectory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SaveFacts:
+    """What a save says besides its variables.
+
+    Attributes
+    ----------
+    step : steps taken
+    time : *in silico* time
+    run_id : see `Identity`; "" in saves of version 0.1
+    error : why the run has ended there; "" if it can go on
+    cells : names of the cells
+    low : (N, 3) first corners of their boxes, µm
+    """
+
+    step: int
+    time: float
+    run_id: str
+    error: str
+    cells: list[str]
+    low: NDArray[np.float64]
+
+    @classmethod
+    def read(cls, path: Path) -> "SaveFacts":
+        """Read them; ValueError that names the file if it is damaged or no save."""
+        return guarded(path, lambda: cls._read(path))
+
+    @classmethod
+    def _read(cls, path: Path) -> "SaveFacts":
+        import netCDF4
+
+        with netCDF4.Dataset(path) as file:
+            file.set_auto_mask(False)
+            attributes = {name: file.getncattr(name) for name in file.ncattrs()}
+            return cls(
+                step=int(file["step"][0]),
+                time=float(file["time"][0]),
+                run_id=str(attributes.get("run_id", "")),
+                error=str(attributes["error"]),
+                cells=[str(name) for name in file["cell"][...]],
+                low=np.array(file["box_low"][0]),
+            )
+
+
+def whole_saves(files: RunDirectory) -> dict[int, SaveFacts]:
+    """What the saves of a run say, by number; those that are damaged, or of another, are left out.
+
+    Readers of the run (`reader.read_run`) warn of these.
+    """
+    saves = {number: facts for number in files.saved if (facts := _facts(files.save(number)))}
+    ours = most_common(facts.run_id for facts in saves.values())
+    return {number: facts for number, facts in saves.items() if facts.run_id == ours}
+
+
+def most_common(ids: Iterable[str]) -> str:
+    """The id that most saves of a directory have: that of its run; "" for no saves."""
+    counts = Counter(ids)
+    return max(counts, key=lambda run_id: counts[run_id], default="")
+
+
+def _facts(path: Path) -> SaveFacts | None:
+    try:
+        return SaveFacts.read(path)
+    except ValueError:
+        return None
