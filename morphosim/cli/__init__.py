@@ -22,7 +22,9 @@ def main() -> None:
     except INPUT_ERRORS as error:
         _end(told(error))
     except MemoryError as error:
-        _end(f"there is not enough memory ({told(error) or 'none can be had'}); take less at a time")
+        _end(
+            f"there is not enough memory ({told(error) or 'none can be had'}); take less at a time"
+        )
     except UNCHECKED as error:
         _end(
             f"{type(error).__name__}: {told(error)}. This comes from a value that MorphoSim should "

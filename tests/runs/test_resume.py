@@ -424,7 +424,7 @@ def test_a_branch_from_an_earlier_save(tmp_path: Path) -> None:
 def test_a_time_at_which_nothing_was_saved_is_told(tmp_path: Path) -> None:
     run(scene(), tmp_path, until=60)
     assert Simulation.from_run(tmp_path, time=69).identity.source_time == 60
-    for far in (71, 500, 1e300):
+    for far in (71, 500, 1e20):
         with pytest.raises(
             ValueError, match=r"time = .*: the run has no save near it.* 0, 20, 40, 60"
         ):
