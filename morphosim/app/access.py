@@ -1,12 +1,21 @@
 """Who may ask the server: this machine alone, or whoever has the token."""
 
 import ipaddress
+import os
+import re
 import secrets
+import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
 from hmac import compare_digest
 from urllib.parse import urlsplit
 
+from morphosim import _validate
+
+HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]*)(:(?P<port>[0-9]{0,5}))?")
+"""A Host header: a name, or an address (in brackets if it has colons), and perhaps a port."""
+LAST_PORT, LONGEST_NAME, LONGEST_PATH = 65535, 255, 4000
+"""Largest port, and bytes of a file's name and of a path."""
 PARAMETER = "token"
 """Name of the token in an address."""
 
@@ -19,6 +28,69 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return False
+
+
+def listening_host(host: str, port: int) -> str:
+    """Host to listen at, an address in its usual form.
+
+    Raises
+    ------
+    ValueError
+        It is no name or address, or there is no such port.
+    OSError
+        Nobody knows the name, or it cannot be listened to there now.
+    """
+    _validate.integer("port", port, least=0, most=LAST_PORT)
+    name = host.strip()
+    name = name[1:-1] if name.startswith("[") and name.endswith("]") else name
+    if not name:
+        message = (
+            f"host = {host!r} is no name or address; take 127.0.0.1 for this machine alone, or "
+            "0.0.0.0 for whoever reaches it and has the token"
+        )
+        raise ValueError(message)
+    try:
+        found = socket.getaddrinfo(name, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, address = found[0]
+        with socket.socket(family, kind, protocol) as trial:
+            if os.name == "posix":  # as the server does: not in use, or left a moment ago
+                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind(address)
+    except (OSError, UnicodeError) as error:
+        cause = getattr(error, "strerror", None) or error
+        message = f"cannot listen at host {name!r}, port {port}: {cause}. Take another --host or "
+        raise OSError(message + "--port (0 takes a free one)") from error
+    return str(address[0]) if _is_address(name) else name
+
+
+def _is_address(name: str) -> bool:
+    """Whether a host is an address in figures, such as 127.0.0.1, ::1 or 0."""
+    try:
+        socket.getaddrinfo(name, None, flags=socket.AI_NUMERICHOST)
+    except OSError:
+        return False
+    return True
+
+
+def malformed(headers: Mapping[str, str], path: str) -> str:
+    """What of a request nobody can understand; "" if there is nothing.
+
+    Parameters
+    ----------
+    headers : with Host, and perhaps Origin
+    path : with what was written in per cent put in
+    """
+    host = HOST.fullmatch(headers.get("Host", ""))
+    if host is None or int(host["port"] or 0) > LAST_PORT:
+        return f"Host {headers.get('Host')!r} is not a host and a port"
+    try:
+        _ = urlsplit(headers.get("Origin", "")).port
+    except ValueError:
+        return f"Origin {headers['Origin']!r} is not a site"
+    parts = [part.encode(errors="replace") for part in path.split("/")]
+    if "\0" in path or len(b"/".join(parts)) > LONGEST_PATH or max(map(len, parts)) > LONGEST_NAME:
+        return "the path is too long, or has a NUL"
+    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,5 +148,6 @@ class Access:
 
 
 def _name(host: str) -> str:
-    """Host without its port."""
-    return urlsplit(f"//{host}").hostname or ""
+    """Host without its port; "" if there is none."""
+    found = HOST.fullmatch(host)
+    return "" if found is None else found["name"].strip("[]")

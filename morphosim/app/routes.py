@@ -11,11 +11,11 @@ from urllib.parse import quote
 from aiohttp import web
 from aiohttp.typedefs import Middleware
 
-from morphosim.app.access import PARAMETER, Access
+from morphosim.app.access import PARAMETER, Access, malformed
 from morphosim.app.store import Store
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-VIEWER, STREAMS, FILES = "/viewer", "/streams", "/files"
+VIEWER, STREAMS, FILES, SOCKET = "/viewer", "/streams", "/files", "/ws"
 
 
 class Streams:
@@ -53,10 +53,19 @@ def add_routes(app: web.Application, access: Access, store: Store, streams: Stre
 
 
 def _guard(access: Access) -> Middleware:
-    """Middleware that refuses what `access` refuses, the websocket too."""
+    """Middleware that refuses what is malformed or `access` refuses, the websocket too."""
 
     @web.middleware
     async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+        wrong = malformed(request.headers, request.path)
+        if (
+            not wrong
+            and request.path == SOCKET
+            and not web.WebSocketResponse().can_prepare(request)
+        ):
+            wrong = f"{SOCKET} takes websockets only"
+        if wrong:
+            return web.Response(status=400, text=wrong)
         cookie = f"morphosim-{request.url.port}"  # browsers share cookies between ports
         refusal = access.refusal(request.headers, request.query, request.cookies.get(cookie))
         if refusal:
@@ -85,7 +94,7 @@ async def _viewer(request: web.Request) -> web.Response:
 def _stream_handler(streams: Streams) -> Handler:
     async def handle(request: web.Request) -> web.StreamResponse:
         number = request.match_info["number"]
-        part = streams.part(request.match_info["key"], int(number) if number.isdigit() else -1)
+        part = streams.part(request.match_info["key"], int(number) if number.isdecimal() else -1)
         if part is None:
             raise web.HTTPNotFound
         return web.Response(body=part, content_type="application/json")

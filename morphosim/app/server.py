@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from morphosim import _validate
-from morphosim.app.access import PARAMETER, Access
+from morphosim.app.access import PARAMETER, Access, listening_host
 from morphosim.app.lower import STATE as LOWER_STATE
 from morphosim.app.lower import Lower
 from morphosim.app.routes import Streams, add_routes
@@ -61,7 +60,7 @@ class Application:
         open_browser : whether to open it there
         """
         self._told, self._open, self._host = tell, open_browser, host
-        with _no_arguments():
+        with _no_arguments(), _no_alarm():
             try:
                 self.server.start(
                     port=port, host=host, open_browser=False, show_connection_info=False,
@@ -167,6 +166,22 @@ def _no_arguments() -> Iterator[None]:
         sys.argv = kept
 
 
+@contextmanager
+def _no_alarm() -> Iterator[None]:
+    """Answer requests that are no HTTP without a traceback for each."""
+    from aiohttp.http import HttpProcessingError
+
+    def of_ours(record: logging.LogRecord) -> bool:
+        return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError))
+
+    logger = logging.getLogger("aiohttp.server")
+    logger.addFilter(of_ours)
+    try:
+        yield
+    finally:
+        logger.removeFilter(of_ours)
+
+
 def serve(
     folder: Path, host: str, port: int, tell: Tell, open_browser: bool = False, token: bool = False
 ) -> None:
@@ -192,9 +207,9 @@ def serve(
     ------
     FileNotFoundError
         The folder does not exist.
-    ValueError
-        The port is none.
+    ValueError, OSError
+        There is no such host or port, or another process listens there.
     """
-    _validate.integer("port", port, least=0, most=65535)
     store = Store(Path(folder))
+    host = listening_host(host, port)
     Application(store, Access.of_host(host, token)).serve(host, port, tell, open_browser)
