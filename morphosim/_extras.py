@@ -16,8 +16,11 @@ def need(package: str, what: str, extra: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        message = (
-            f"{what} needs the package {package.partition('.')[0]}; "
-            f"try: pip install 'morphosim[{extra}]'"
-        )
+        name = package.partition(".")[0]
+        message = f"{what} needs the package {name}; {how_to_install(extra)}"
         raise ImportError(message) from error
+
+
+def how_to_install(extra: str) -> str:
+    """How to install an extra of this package, which no index of packages has."""
+    return f"in a clone: pip install '.[{extra}]'; with a wheel: pip install 'FILE.whl[{extra}]'"

@@ -57,7 +57,15 @@ def test_readme_names_a_scene_that_exists() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_pages_link_to_files_that_exist(page: Path) -> None:
     for path in re.findall(r"\]\((\S+?)\)", page.read_text(encoding="utf-8")):
-        assert (page.parent / path).exists(), path
+        assert (page.parent / path.partition("#")[0]).exists(), path
+
+
+def test_nothing_advises_to_install_what_no_index_has() -> None:
+    sources = [*(ROOT / "morphosim").rglob("*.py"), *(ROOT / "examples").glob("*.*")]
+    for path in (*PAGES, *sources):
+        if path.suffix in {".py", ".md", ".ipynb"}:
+            text = path.read_text(encoding="utf-8")
+            assert not re.search(r"pip install '?morphosim", text), path
 
 
 def test_two_cells_says_the_same_in_python_and_toml(capsys: pytest.CaptureFixture[str]) -> None:

@@ -306,6 +306,8 @@ def test_what_is_wrong_is_said_before_anything_is_written(
     with pytest.raises(ValueError, match="'contact_area'"):
         export(run.data.drop_vars("contact_area"), tmp_path / "out", "csv")
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match=r"pip install 'morphosim\[vtk\]'"):
+    with pytest.raises(
+        ImportError, match=r"pip install '\.\[vtk\]'; with a wheel: pip install 'FILE.whl\[vtk\]'"
+    ):
         export(run.data, tmp_path / "out", "vtk")
     assert not list(tmp_path.rglob("*.*"))

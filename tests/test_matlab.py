@@ -489,7 +489,7 @@ def test_missing_packages(
         table = write_xlsx(tmp_path / "table.xlsx")
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.setattr(mat_file, "isolated", lambda read, *arguments: read(*arguments))
-    with pytest.raises(ImportError, match=rf"{package}; try: pip install 'morphosim\[matlab\]'"):
+    with pytest.raises(ImportError, match=rf"{package}; in a clone: pip install '.\[matlab\]'"):
         import_matlab(masks, table)
 
 

@@ -5,6 +5,7 @@ import traceback
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from morphosim._extras import how_to_install
 from morphosim.errors import TermError
 from morphosim.numerics.threads import automatic_threads
 
@@ -40,8 +41,8 @@ def world() -> "Comm":
         from mpi4py import MPI
     except (ImportError, RuntimeError) as error:
         message = (
-            f"a run over MPI needs mpi4py and an MPI library ({error}); install both: pip install "
-            "'morphosim[mpi]', and for example apt install openmpi-bin libopenmpi-dev"
+            f"a run over MPI needs mpi4py and an MPI library ({error}); {how_to_install('mpi')}; "
+            "and the library, for example: apt install openmpi-bin libopenmpi-dev"
         )
         raise ImportError(message) from error
     return MPI.COMM_WORLD

@@ -185,5 +185,5 @@ def test_states_are_put_together_as_they_were() -> None:
 
 def test_missing_mpi4py_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mpi4py", None)
-    with pytest.raises(ImportError, match=r"needs mpi4py .* pip install 'morphosim\[mpi\]'"):
+    with pytest.raises(ImportError, match=r"needs mpi4py .* pip install '\.\[mpi\]'"):
         world()

@@ -154,6 +154,6 @@ def test_a_missing_package_is_named(
     run: xr.Dataset, package: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ImportError, match=rf"{package}; try: pip install 'morphosim\[pictures\]'"):
+    with pytest.raises(ImportError, match=rf"{package}; in a clone: pip install '.\[pictures\]'"):
         film(run, tmp_path / "film.mp4")
     assert list(tmp_path.iterdir()) == []

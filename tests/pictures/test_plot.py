@@ -302,7 +302,7 @@ def test_a_missing_package_is_named(
     pair: xr.Dataset, package: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    message = rf"needs the package {package}; try: pip install 'morphosim\[pictures\]'"
+    message = rf"needs the package {package}; in a clone: pip install '\.\[pictures\]'"
     with pytest.raises(ImportError, match=message):
         plot(pair)
 

@@ -113,7 +113,7 @@ def test_cores_are_shared_without_more_threads_than_cores(monkeypatch: pytest.Mo
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ImportError, match=r"morphosim\[sweep\]"):
+    with pytest.raises(ImportError, match=r"pip install '\.\[sweep\]'"):
         sweep(pair(), AXES)
 
 
