@@ -292,6 +292,7 @@ def test_copies_with_changes_leave_the_rest() -> None:
 def test_a_changed_volume_constraint_has_its_own_default() -> None:
     changed = Scene(cells=[ball()]).with_physics(volume_constraint="absolute")
     assert changed.physics == Physics(volume_constraint="absolute")
+    assert Physics(volume_constraint="none", M=5.0).volume_strength == 0
 
 
 @pytest.mark.parametrize(("time", "volume"), [(-5, 10), (0, 10), (2.5, 15), (10, 30), (99, 30)])
