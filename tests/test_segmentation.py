@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell
 from morphosim.scene.file import load_scene, save_scene
 from morphosim.scene.scene import Scene
+from morphosim.scene.stability import least_S
 from morphosim.simulation.relaxation import relaxed
 from morphosim.simulation.simulation import Simulation
 
@@ -715,6 +717,26 @@ def test_walls_come_with_stable_numerics() -> None:
     with pytest.warns(SegmentationWarning, match="the scene fails while they settle: .*diverged"):
         given = import_labels(blocks(*TWO), confinement="image", numerics=Numerics(dt=1.0))
     assert given.numerics == Numerics(dt=1.0)
+
+
+@pytest.fixture(scope="module")
+def walled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scene file of two cells with walls from the image."""
+    path = tmp_path_factory.mktemp("walled") / "scene.toml"
+    image = photographed(0.5, doublet, reach=11.0)
+    save_scene(import_labels(image, confinement="image", volumes="ball"), path)
+    return path
+
+
+@pytest.mark.parametrize("preset", ["draft", "fast", "standard"])
+def test_presets_take_what_walls_of_an_image_need(walled: Path, preset: str) -> None:
+    scene = load_scene(walled, {"numerics.preset": preset, "numerics.threads": 1})
+    chosen = Numerics.preset(preset, threads=1)
+    assert replace(scene.numerics, S=6.0) == chosen
+    assert scene.numerics.S >= least_S(scene) > 6
+    Simulation(scene).step(10)  # would warn; with S = 6 it diverges at the fourth step
+    given = {"numerics.preset": preset, "numerics.S": 7.0}
+    assert load_scene(walled, given).numerics.S == 7
 
 
 # --- simulations -------------------------------------------------------------------------------

@@ -131,6 +131,28 @@ def test_what_does_not_act_does_not_count() -> None:
     assert stability.concerns(pair(sigma=Attraction(default=9.0, types={("", ""): 0.5}))) == []
 
 
+def between_walls(half: float, **numerics: object) -> Scene:
+    """The pair at rest, with walls at this distance around, µm."""
+    walls = BoxWalls(lower=(-half, -half, -half), upper=(8.3 + half, half, half))
+    return replace(pair(), confinement=walls, numerics=Numerics(**numerics))
+
+
+@EXPECTED_TO_FAIL
+def test_walls_that_do_not_press_need_less() -> None:
+    published = Numerics.preset("published")
+    free, near = (
+        replace(between_walls(half), numerics=published) for half in (4.6, 4.3)
+    )  # fmt: skip
+    assert concerns(free) == []
+    Simulation(free).step(100)
+    assert len(concerns(near)) == len(concerns(pressed(walls="stepped", S=12.0))) == 1
+    with pytest.raises(DivergenceError):
+        Simulation(pressed(walls="stepped", S=12.0)).step(100)
+    growing = [replace(cell, volume=400.0) for cell in free.cells]
+    assert len(concerns(replace(free, cells=growing))) == 1
+    assert len(concerns(free.with_numerics(S=11.5))) == 1
+
+
 def test_a_warning_points_to_the_line_that_makes_the_simulation() -> None:
     with pytest.warns(StabilityWarning) as caught:
         Simulation(pressed(S=2.0))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.shapes import Field, Shape
 from morphosim.provenance import memory
 
@@ -75,6 +76,17 @@ def check_resolved(phi: NDArray[np.floating], spacing: float, what: str, advice:
             f"{LEAST_POINTS} are needed; {advice}"
         )
         raise ValueError(message)
+
+
+def share_outside(
+    confinement: Confinement | None, origin: NDArray[np.int64], phi: Floats, spacing: float
+) -> float:
+    """Share of ∫ φ of a field on the lattice that lies beyond a confinement; 0 in open space."""
+    if confinement is None:
+        return 0.0
+    axes = [(o + np.arange(n)) * spacing for o, n in zip(origin, phi.shape, strict=True)]
+    walls = confinement.field(*np.meshgrid(*axes, indexing="ij", sparse=True))
+    return float((phi * (walls > 0.5)).sum() / phi.sum())
 
 
 def least_volume(spacing: float) -> float:

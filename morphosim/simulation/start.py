@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.geometry.phase_field import lattice_field
+from morphosim.geometry.phase_field import lattice_field, share_outside
 from morphosim.scene.cell import Cell
 from morphosim.scene.scene import Scene
 
@@ -38,21 +38,12 @@ def start_fields(
     scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
     for cell in cells:
         origin, phi = lattice_field(cell.shape, cell.name, scale, spacing)
-        if scene.confinement is not None:
-            _check_inside(scene, cell, origin, phi)
+        _check_inside(cell, share_outside(scene.confinement, origin, phi, spacing))
         yield origin, phi
 
 
-def _check_inside(
-    scene: Scene, cell: Cell, origin: NDArray[np.int64], phi: NDArray[np.floating]
-) -> None:
+def _check_inside(cell: Cell, outside: float) -> None:
     """Raise ValueError if most of a cell lies beyond the confinement."""
-    assert scene.confinement is not None
-    axes = [
-        (o + np.arange(n)) * scene.numerics.spacing for o, n in zip(origin, phi.shape, strict=True)
-    ]
-    walls = scene.confinement.field(*np.meshgrid(*axes, indexing="ij", sparse=True))
-    outside = float((phi * (walls > 0.5)).sum() / phi.sum())
     if outside > OUTSIDE_ALLOWED:
         message = (
             f"cell {cell.name!r} starts with {100 * outside:.0f} % of its volume outside of the "
