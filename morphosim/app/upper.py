@@ -11,12 +11,14 @@ from morphosim.app.routes import Streams
 from morphosim.app.settings import OWN, PRESET_NAMES, Settings, Source, facts
 from morphosim.app.store import IMAGES, MASKS, TABLES, Store
 from morphosim.library.built_in import scene_names
+from morphosim.progress import duration_text
 
 FILES = {"mask_files": MASKS, "table_files": TABLES, "image_files": IMAGES}
 """Lists of files to import, and their endings."""
 MOST_IN_TABLE = 24
 """Cells up to which the whole attraction matrix can be edited; beyond, one pair at a time."""
 FIRST = "celegans-8"
+STARTING = "starting"
 
 STATE = {
     "source_kind": "built-in", "scene_name": FIRST, "scene_names": scene_names(),
@@ -186,7 +188,7 @@ class Upper:
         self._streams.drop(self._state.live_stream["key"])
         with self._state as state:
             state.status, state.run_title, state.progress = "starting", name, 0
-            state.progress_text = "starting"
+            state.progress_text = STARTING
             state.run_error, state.run_note, state.warnings = "", "", []
             state.live_stream = {"key": "", "count": 0}
 
@@ -198,10 +200,14 @@ class Upper:
     def _hear_warning(self, state: Any, text: str) -> None:
         state.warnings = [*state.warnings, text]
 
+    def _hear_compiling(self, state: Any, text: str) -> None:
+        state.progress_text = text
+
     def _hear_began(self, state: Any, found: dict[str, Any]) -> None:
         self._until = found["until"]
         state.status = "running"
-        state.progress_text = "first step; it compiles the kernels where that has not been done"
+        if state.progress_text == STARTING:  # and not compiling
+            state.progress_text = "first step"
 
     def _hear_load(self, state: Any, content: bytes) -> None:
         self._runs += 1
@@ -236,15 +242,6 @@ def progress_text(found: dict[str, Any], until: float | None) -> str:
     if found["seconds_left"]:
         parts.append(f"about {duration_text(found['seconds_left'])} left")
     return " · ".join(parts)
-
-
-def duration_text(seconds: float) -> str:
-    """A duration in words, to two digits or so."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"
 
 
 def _plain(name: str) -> str:

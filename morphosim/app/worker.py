@@ -1,8 +1,8 @@
 """Running a simulation for the page: a job of a process of its own.
 
-The page hears "began", "load" (what a viewer opens with), "frame" (one time of the view),
-"progress" and "warning"; it may ask for "pause", "go on" and "stop". A run that is stopped is
-saved, and `resume` goes on with it.
+The page hears "compiling", "began", "load" (what a viewer opens with), "frame" (one time of the
+view), "progress" and "warning"; it may ask for "pause", "go on" and "stop". A run that is stopped
+is saved, and `resume` goes on with it.
 """
 
 import json
@@ -21,6 +21,7 @@ from morphosim.app.settings import Settings
 from morphosim.app.store import Store
 from morphosim.cell_field import CellField
 from morphosim.runs.writer import RunWriter
+from morphosim.simulation.compilation import compilation_told
 from morphosim.simulation.simulation import Simulation
 
 PAUSE, GO_ON = "pause", "go on"
@@ -46,7 +47,7 @@ def warm_up(channel: Channel) -> None:
 def simulate(channel: Channel, settings: Settings, store: Store) -> None:
     """Simulate the scene of the form, and save it below the folder."""
     directory = store.new_run(settings.name)
-    with _warnings_told(channel):
+    with _told(channel):
         simulation = Simulation(settings.scene(store))
         _run(channel, simulation, directory)
 
@@ -54,7 +55,7 @@ def simulate(channel: Channel, settings: Settings, store: Store) -> None:
 def resume(channel: Channel, name: str, store: Store) -> None:
     """Go on with a run from its last save."""
     directory = store.run(name)
-    with _warnings_told(channel):
+    with _told(channel):
         _run(channel, Simulation.from_run(directory), directory, resume=True)
 
 
@@ -64,9 +65,9 @@ def _run(channel: Channel, simulation: Simulation, directory: Path, resume: bool
 
 
 @contextmanager
-def _warnings_told(channel: Channel) -> Iterator[None]:
-    """Warnings go to the page."""
-    with warnings.catch_warnings():
+def _told(channel: Channel) -> Iterator[None]:
+    """Warnings, and that kernels are compiled, go to the page."""
+    with warnings.catch_warnings(), compilation_told(lambda text: channel.tell("compiling", text)):
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = lambda message, *_, **__: channel.tell("warning", str(message))
         yield

@@ -1,7 +1,8 @@
 """Members handed to Dask: processes of this machine, or any cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
@@ -55,11 +56,25 @@ def shares(members: int, workers: int | None, threads: int | None) -> tuple[int,
 def local_client(workers: int) -> "Iterator[Client]":
     """Client of as many processes of this machine."""
     distributed = need_dask()
+    with ExitStack() as stack:
+        folder = stack.enter_context(TemporaryDirectory(prefix="morphosim-"))
+        cluster = stack.enter_context(_local_cluster(workers, folder))
+        yield stack.enter_context(distributed.Client(cluster))
+
+
+def _local_cluster(workers: int, folder: str) -> Any:
+    """Processes that have their scratch space in a folder of this user.
+
+    Dask imports from there before all else, and takes one that anyone can make if it is not told.
+    """
     import dask
 
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS_ALLOWED, "temporary-directory": folder
+    }  # fmt: skip
     try:
-        with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS_ALLOWED}):
-            cluster = distributed.LocalCluster(
+        with dask.config.set(settings):
+            return need_dask().LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0,
                 dashboard_address=ANY_PORT, silence_logs=50, preload=["morphosim.sweeps.worker"],
             )  # fmt: skip
@@ -69,8 +84,6 @@ def local_client(workers: int) -> "Iterator[Client]":
             "if __name__ == '__main__': every process imports the script"
         )
         raise OSError(message) from error
-    with cluster, distributed.Client(cluster) as client:
-        yield client
 
 
 @contextmanager

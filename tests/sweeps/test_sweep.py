@@ -15,7 +15,7 @@ from morphosim import save_scene
 from morphosim.cli import main
 from morphosim.sweeps.axes import Range
 from morphosim.sweeps.run import sweep
-from morphosim.sweeps.scheduler import cluster_client, shares
+from morphosim.sweeps.scheduler import cluster_client, local_client, shares
 from morphosim.sweeps.store import Store
 from morphosim.sweeps.sweepfile import read_sweep
 
@@ -109,6 +109,19 @@ def test_cores_are_shared_without_more_threads_than_cores(monkeypatch: pytest.Mo
     assert shares(2, None, None) == (2, 1)
     with pytest.raises(ValueError, match="threads_per_member = 4 is more than the 1 that Numba"):
         shares(2, None, 4)
+
+
+def test_processes_import_nothing_from_a_folder_that_anyone_can_make(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    with local_client(1) as client:
+        paths = [*sys.path, *client.submit(lambda: __import__("sys").path).result()]
+    inside = [Path(path) for path in paths if path.startswith(str(tmp_path))]
+    assert inside
+    assert {path.relative_to(tmp_path).parts[0][:10] for path in inside} == {"morphosim-"}
+    assert list(tmp_path.iterdir()) == [], "left there"
 
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
