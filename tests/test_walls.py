@@ -90,6 +90,9 @@ def test_distance_is_that_to_the_surface() -> None:
     x = np.array([8.0, 9.0, 9.5]) + 0.1
     found = distance(SHELL, x, np.full(3, -0.2), np.full(3, 0.3), 0.25)
     np.testing.assert_allclose(found, 9.1 - x, atol=0.02)
+    y = np.array([5.0, 6.0, 6.5]) - 0.2  # depth falls by 9/6 along this semi-axis
+    found = distance(SHELL, np.full(3, 0.1), y, np.full(3, 0.3), 0.25)
+    np.testing.assert_allclose(found, 5.8 - y, atol=0.02)
 
 
 def test_soft_and_stepped_walls_are_taken_as_they_are() -> None:
