@@ -120,6 +120,15 @@ def test_all_stages_count() -> None:
     assert concerns(alone) == concerns(divides) == []
 
 
+def test_walls_are_those_of_the_mean_tension_of_all_cells() -> None:
+    """As they are made, so that frozen cells count."""
+    soft, stiff = pair().cells
+    boxed = replace(pressed(), cells=[soft, replace(stiff, gamma=1.0)])
+    half_frozen = replace(boxed, cells=[soft, replace(stiff, gamma=1.0, frozen=True)])
+    assert explicit_rates(half_frozen)["walls"] == explicit_rates(boxed)["walls"]
+    assert explicit_rates(boxed)["walls"] > explicit_rates(pressed())["walls"]
+
+
 def test_what_does_not_act_does_not_count() -> None:
     shape = Sphere(center=(0, 9, 0), radius=1.5)
     stone = Cell(name="stone", shape=shape, gamma=8.0, frozen=True)

@@ -233,6 +233,26 @@ def test_a_staged_run_goes_on_to_the_same_bits(tmp_path: Path, until: float) -> 
         np.testing.assert_array_equal(values, second.arrays[name], err_msg=name)
     with open_run(tmp_path / "parts") as run:
         assert set(run["stage"].values) == {"", "one", "two", "three"}
+    with pytest.raises(ValueError, match="daughter 'm' of 'a': a cell has or had this name"):
+        again.divide("a", ("m", "c"), axis=(1, 0, 0))
+
+
+def test_a_run_that_goes_on_can_go_back_to_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The minimum was at the last check before the save."""
+    speeds = iter([5.0, 3.0, 2.0, 4.0])
+    monkeypatch.setattr(
+        "morphosim.simulation.stage_runner.root_mean_square", lambda _: next(speeds)
+    )
+    chosen = scene(Stage(name="q", end=QuasiSteady()))
+    assert ran(chosen, tmp_path, until=36).time == 36
+    again = Simulation.from_run(tmp_path)
+    again.run()
+    plain = Simulation(chosen)
+    plain.step(15)
+    assert again.time == plain.time == 30
+    np.testing.assert_array_equal(again.fields[0].phi, plain.fields[0].phi)
 
 
 def test_a_branch_from_within_the_stages(tmp_path: Path) -> None:
