@@ -234,7 +234,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-@pytest.mark.parametrize("name", ["scene.toml", "scene.npz"])
+@pytest.mark.parametrize("name", ["scene.toml", "scene.npz", "shell.npz"])
 def test_a_scene_written_by_hand_is_not_replaced(name: str, folder: Path, call: Call) -> None:
     Path("mine").mkdir()
     Path("mine", name).write_text("mine")
@@ -379,6 +379,12 @@ def test_info_of_a_run_with_stages(call: Call) -> None:
     assert "2 cells; 1 that were there before have divided or are gone" in out
     assert "nan" not in out
     assert [line.split()[0] for line in out.splitlines()[-2:]] == ["b", "c"]
+
+
+def test_info_of_a_run_that_started_from_another(call: Call) -> None:
+    call("run", "one.toml", "-o", "run")
+    call("run", "one.toml", "-o", "more", "--from", "run", "--time", 4, "--until", 2)
+    assert f"started from {Path('run').resolve()} at its t = 4\n" in call("info", "more")[1]
 
 
 def test_info_advises_to_resume_only_what_can(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,6 +38,8 @@ def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
         yield f"physics: {listing(json.loads(attrs['physics']))}"
     if "numerics" in attrs:
         yield f"numerics: {preset_text(json.loads(attrs['numerics']))}"
+    if "from_run" in attrs:
+        yield f"started from {attrs['from_run']} at its t = {attrs['from_time']:g}"
     yield f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}{_written(place)}"
     stage = str(data["stage"].values[-1]) if "stage" in data else ""
     if stage:

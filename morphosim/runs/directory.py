@@ -9,6 +9,7 @@ from morphosim._files import PARTIAL
 from morphosim.errors import SaveError
 
 SCENE = "scene.toml"
+SHELL = "shell.npz"
 LOCK = "lock"
 
 
@@ -24,9 +25,10 @@ class RunDirectory:
         return self.path / SCENE
 
     @property
-    def scene_files(self) -> list[Path]:
-        """The scene file and that of its arrays, of those that there are."""
-        return [file for file in (self.scene, self.scene.with_suffix(".npz")) if file.exists()]
+    def described(self) -> list[Path]:
+        """Files of the scene, its arrays and the drawn shell, of those that there are."""
+        files = (self.scene, self.scene.with_suffix(".npz"), self.path / SHELL)
+        return [file for file in files if file.exists()]
 
     def save(self, number: int) -> Path:
         """File of one save."""
@@ -78,19 +80,17 @@ class RunDirectory:
                 f"morphosim run --resume {self.path}"
             )
             raise FileExistsError(message)
-        if self.scene_files and not overwrite:
+        if self.described and not overwrite:
             message = (
-                f"{self.scene_files[0]} exists and would be replaced; take another directory, or "
+                f"{self.described[0]} exists and would be replaced; take another directory, or "
                 "replace it by --overwrite (overwrite=True)"
             )
             raise FileExistsError(message)
 
     def clear(self) -> None:
-        """Delete the run, from its last save down, and no file but those of runs."""
-        for pattern in ("restart-*.npz", "save-*.nc"):
-            for file in sorted(self.path.glob(pattern), reverse=True):
-                file.unlink(missing_ok=True)
-        for file in self.scene_files:
+        """Delete the run, and no file but those of runs."""
+        self.drop_after(-1)
+        for file in self.described:
             file.unlink(missing_ok=True)
 
     def tidy(self) -> None:

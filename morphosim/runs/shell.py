@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from morphosim._files import guarded, replacing
 from morphosim.geometry.confinement import BoxWalls, Confinement, EllipsoidShell
 from morphosim.geometry.confinement.surface import wall_surface
+from morphosim.runs.directory import SHELL
 
-FILE, GROUP = "shell.npz", "shell"
-"""Where a run directory and a packed run keep it."""
+GROUP = "shell"
+"""Where a packed run keeps it."""
 Mesh = tuple[NDArray[np.float32], NDArray[np.int32]]
 """Vertices (V, 3) in µm, and faces (F, 3)."""
 KINDS = {"vertices": "f4", "faces": "i4"}
@@ -25,7 +26,7 @@ def write_shell(directory: Path, confinement: Confinement | None) -> None:
 
     One that has no surface is not drawn: a run does not end for a picture.
     """
-    path = directory / FILE
+    path = directory / SHELL
     path.unlink(missing_ok=True)
     if confinement is None or isinstance(confinement, BoxWalls | EllipsoidShell):
         return
@@ -46,7 +47,7 @@ def read_shell(source: Path) -> Mesh | None:
     ValueError
         The file is damaged.
     """
-    file = source / FILE if source.is_dir() else source
+    file = source / SHELL if source.is_dir() else source
     read = _of_directory if source.is_dir() else _of_packed
     return guarded(file, lambda: read(file)) if file.is_file() else None
 
