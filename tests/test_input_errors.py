@@ -539,3 +539,160 @@ def test_missing_files_are_named(load: Callable, tmp_path: Path) -> None:
 def test_a_function_without_a_name_cannot_be_saved(tmp_path: Path, options: dict) -> None:
     fails(lambda: save_scene(scene(**options), tmp_path / "scene.toml"), "function", "written")
     assert not (tmp_path / "scene.toml").exists()
+
+
+# --- names, lists, and what only looks like a number --------------------------------------------
+
+UNFIT = ["a\0", "\x1b[31mred\x1b[0m", "two\nlines", "\ud800", "\u202ea", "\u2028", "  ", "x" * 101]
+FIT = ["a b", "ünïcode", "細胞", "Zelle №5", "a/b:c", "می\u200cخواهم", "x" * 100]
+
+
+@pytest.mark.parametrize("name", UNFIT)
+def test_names_that_act_on_a_terminal_or_cannot_be_stored_are_refused(name: str) -> None:
+    for make, where in (
+        (lambda: ball(name), "cell name"),
+        (lambda: ball(type=name), "cell 'a': type"),
+        (lambda: ball(parent=name), "cell 'a': parent"),
+        (lambda: scene(name=name), "scene.name"),
+    ):
+        if name.strip() or where == "cell name":
+            fails(make, where, "not empty" if not name.strip() else "character")
+    if len(name) > 3 and "lines" not in name and name.strip() and len(name) < 101:
+        fails(lambda: scene(description=name), "scene.description", "control character")
+
+
+@pytest.mark.parametrize("name", FIT)
+def test_names_of_any_letters_are_taken(name: str, tmp_path: Path) -> None:
+    given = scene(ball(name, type=name), name=name, description=f"{name}\n\tand more")
+    save_scene(given, tmp_path / "scene.toml")
+    assert load_scene(tmp_path / "scene.toml").names == [name]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"description": 1}, ("scene.description = 1", "not a text")),
+        ({"stages": {}}, ("scene.stages = {}", "not a list of stages")),
+        ({"stages": 1}, ("scene.stages = 1", "not a list of stages")),
+        ({"stages": "one"}, ("scene.stages = 'one'", "not a list of stages")),
+        ({"cells": "ab"}, ("scene.cells = 'ab'", "not a list of cells")),
+        ({"cells": np.array(1)}, ("scene.cells = array(1)", "not a list of cells")),
+        ({"on_vanish": np.array(["stop"])}, ("scene.on_vanish = array(['stop']", "'stop'")),
+        ({"save_fields": ["packed"]}, ("scene.save_fields = ['packed']", "'packed'")),
+        ({"save_fields": {}}, ("scene.save_fields = {}", "'packed'")),
+        ({"duration": 1e300}, ("scene.duration = 1e+300", "out of range")),
+        ({"duration": 10**400}, ("scene.duration = 1000", "finite")),
+        ({"duration": 10**5000}, ("scene.duration = (int too large", "finite")),
+        ({"save_every": 1e-320}, ("scene.save_every = 1e-320", "out of range")),
+        ({"duration": 1e30}, ("scene.duration = 1e+30", "steps of numerics.dt = 2", "1e+15")),
+    ],
+)
+def test_each_value_of_a_scene_is_what_it_should_be(options: dict, words: tuple) -> None:
+    fails(lambda: scene(**options), *words)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"seed": 2**64}, ("numerics.seed = 18446744073709551616", "<= 18446744073709551615")),
+        ({"seed": 10**400}, ("numerics.seed = 1000",)),
+        ({"order": 2.0}, ("numerics.order = 2.0", "2, 4, 6")),
+        ({"order": True}, ("numerics.order = True", "2, 4, 6")),
+        ({"order": np.array([2, 4])}, ("numerics.order = array([2, 4])", "2, 4, 6")),
+        ({"scheme": ["bdf2"]}, ("numerics.scheme = ['bdf2']", "'bdf2'")),
+        ({"sweeps": 10**9}, ("numerics.sweeps = 1000000000", "<= 1000")),
+        ({"spacing": 1e-40}, ("numerics.spacing = 1e-40", "out of range")),
+    ],
+)
+def test_numerics_are_in_the_range_that_they_have(options: dict, words: tuple) -> None:
+    fails(lambda: Numerics(**options), *words)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    numerics = Numerics(order=np.int64(4), seed=np.uint64(2**64 - 1), dt=np.float32(2))
+    assert (numerics.order, numerics.seed, numerics.dt) == (4, 2**64 - 1, 2)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        (True, 0, 0), ["1", "2", "3"], [[1, 2, 3], [1]], [None, 0, 0], {"x": 1}, "abc", [1j, 0, 0],
+        np.array([True, False, True]), np.array(["1", "2", "3"]), [1e300, 0, 0], [[[[0]]]] * 3,
+    ],
+)  # fmt: skip
+def test_a_vector_is_of_three_numbers(value: Any) -> None:
+    fails(lambda: Sphere(center=value, radius=4), "shape.center")
+    fails(lambda: BoxWalls(lower=(-9, -9, -9), upper=value), "confinement.upper")
+
+
+def test_a_phase_field_lies_between_0_and_1() -> None:
+    phi = CUBE.copy()
+    phi[1, 2, 3] = 1e300
+    fails(lambda: Field(phi=phi), "shape.phi[1, 2, 3] = 1e+300")
+    phi[1, 2, 3] = 5
+    fails(lambda: Field(phi=phi), "shape.phi[1, 2, 3] = 5", "between 0 and 1")
+
+
+@pytest.mark.parametrize("function", [lambda x, y: x, lambda: 0, lambda x, y, z, w: 0, Sphere])
+def test_walls_are_a_function_of_three_arguments(function: Any) -> None:
+    options = SHAPES[FunctionWalls] | {"function": function}
+    fails(lambda: FunctionWalls(**options), "confinement.function", "called with 3 arguments")
+
+
+def test_a_volume_is_a_function_of_one_argument() -> None:
+    fails(lambda: ball(volume=lambda: 100.0), "cell 'a': volume", "called with 1 argument")
+
+
+@pytest.mark.parametrize("value", [None, "celegans-8", 3])
+def test_a_simulation_is_of_a_scene(value: Any) -> None:
+    fails(lambda: Simulation(value), f"scene = {value!r}", "Scene")
+
+
+@pytest.mark.parametrize(
+    ("cell", "numerics", "words"),
+    [
+        ({}, {"spacing": 1e-9}, ("cell 'a'", "lattice point", "numerics.spacing = 1e-09")),
+        ({}, {"spacing": 1e-5}, ("cell 'a'", "lattice points", "GB of memory", "1e-05")),
+        ({"radius": 1e6}, {}, ("cell 'a'", "GB of memory", "coarser spacing, or smaller cells")),
+        ({"center": (1e20, 0, 0)}, {}, ("cell 'a' reaches to lattice point 2e+20",)),
+    ],
+)
+def test_a_lattice_must_fit_into_memory(cell: dict, numerics: dict, words: tuple) -> None:
+    shape = Sphere(**({"center": ORIGIN, "radius": 4} | cell))
+    given = scene(ball(shape=shape), numerics=Numerics(threads=1, **numerics))
+    fails(lambda: Simulation(given), *words)
+
+
+def test_voxels_around_a_mask_must_fit_into_memory() -> None:
+    walls = MaskWalls(inside=CUBE, spacing=1e-5)
+    fails(lambda: walls.depth(*np.zeros((3, 1))), "voxels of [1e-05, 1e-05, 1e-05] µm", "GB")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a = " + "[" * 3000 + "\n" + CELL, ("scene.toml", "brackets within brackets")),
+        ("duration = " + "9" * 5000 + "\n" + CELL, ("scene.toml is not a TOML file", "digits")),
+        ("stages = 1\n" + CELL, ("stages = 1", "list of tables")),
+        ("stages = [1]\n" + CELL, ("stages[0] = 1", "table")),
+        ("cells = 0.5", ("cells = 0.5", "list of tables")),
+        (CELL.replace('"a"', '"a\\u0000"'), ("cells[0].name", "control character")),
+        ("[physics]\nsigma = { types = [[[], {}, 1]] }\n" + CELL, ("sigma.types: [[], {}, 1]",)),
+        (
+            '[physics]\nsigma = { pairs = [["a", "b", 1], ["a", "b", 2]] }\n' + CELL,
+            ("sigma.pairs: ['a', 'b'] occurs twice",),
+        ),
+        (CELL.replace("radius = 4", "radius = -4"), ("cell 'a': shape.radius = -4",)),
+        (
+            CELL + '[[stages]]\nname = "s"\nend = { kind = "steady" }\nevents = 0.5\n',
+            ("stages[0].events = 0.5", "list of tables"),
+        ),
+        (
+            CELL + '[[stages]]\nname = "s"\nend = { kind = "steady" }\nevents = '
+            '[{ kind = "removal", cells = true }]\n',
+            ("stages[0].events[0]: removal: cells = True", "list of texts"),
+        ),
+    ],
+)
+def test_a_scene_file_names_what_is_wrong(load: Callable, text: str, words: tuple) -> None:
+    fails(lambda: load(text), *words)
