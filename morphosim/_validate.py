@@ -40,9 +40,11 @@ def number(name: str, value: Any, *, above: float | None = None, least: float | 
             f" and {bound}" for bound in allowed
         )
         raise ValueError(message)
-    if abs(found) > LARGEST or (above == 0 and found < SMALLEST):
-        message = f"{name} = {brief(value)} is out of range: no number here is beyond {LARGEST:g}"
-        raise ValueError(f"{message} or, where 0 is not allowed, below {SMALLEST:g}")
+    tiny = above == 0 and found < SMALLEST
+    if tiny or abs(found) > LARGEST:
+        bound = f">= {SMALLEST:g}" if tiny else f"within ±{LARGEST:g}"
+        message = f"{name} = {brief(value)} is out of range: it must be {bound}"
+        raise ValueError(message)
     return found
 
 

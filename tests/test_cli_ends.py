@@ -134,3 +134,68 @@ def test_the_entry_point_is_installed() -> None:
     command = [str(Path(sys.executable).with_name("morphosim")), "scenes"]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert "celegans-8-strong" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["--until", "1e308", "--dt", "1e-10"], "scene.duration = 1e+308 is out of range"),
+        (["--until", "1e20", "--dt", "1e-10"], "takes 1e+30 steps of numerics.dt = 1e-10"),
+        (["--save-every", "1e-320"], "scene.save_every = 1e-320 is out of range"),
+        (["--set", "numerics.spacing=1e-9"], "numerics.spacing = 1e-09 µm"),
+        (["--set", "numerics.spacing=1e-5"], "GB of memory"),
+        (["--set", f"numerics.seed={2**64}"], f"numerics.seed = {2**64} is not allowed"),
+        (["--set", "stages=" + "[" * 3000], "stages = '[[["),
+        (["--set", "duration=" + "9" * 5000], "scene.duration = '9999"),
+        (["--set", "duration=1\ncells=[]"], "scene.duration = '1\\ncells=[]' is not a number"),
+        (["--set", f"cells.{'9' * 5000}.name=b"], "in a list of 1"),
+        (["--set", "cells.0.name=\x1b[31mred"], r"'\x1b[31mred' has a control character"),
+        (["--set", "physics.sigma.types=[[[], {}, 1]]"], "sigma.types: [[], {}, 1]; expected"),
+    ],
+)
+def test_a_value_that_cannot_be_ends_in_one_line(call, words: list[str], error: str) -> None:
+    code, out, err = call("run", "one.toml", "-o", "run", *words)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert error in err
+    assert err.count("\n") == 1
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("seed", ["-1", "x", "1.5", str(2**64)])
+def test_the_seed_of_a_random_scene_is_checked_before_it_is_made(call, seed: str) -> None:
+    code, _, err = call("run", "synnotch-repair", "-o", "run", "--set", f"numerics.seed={seed}")
+    assert code == 2
+    assert err.startswith("error: numerics.seed = ")
+
+
+def test_a_port_is_one(call) -> None:
+    code, _, err = call("app", "--port", "99999", "--no-open")
+    assert (code, err) == (
+        2, "error: port = 99999 is not allowed: it must be >= 0 and <= 65535\n"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("raised", "words"),
+    [
+        (MemoryError("3 TB"), "error: there is not enough memory (3 TB)"),
+        (OverflowError("too\nlarge"), "error: OverflowError: too large. This comes from a value"),
+        (KeyError("phi"), "error: KeyError: 'phi'. This comes from"),
+        (RecursionError(), "error: RecursionError: "),
+        (ValueError("two\nlines\x1b[2J"), "error: two lines\ufffd[2J\n"),
+    ],
+)
+def test_what_nothing_has_checked_is_one_line_too(
+    call, monkeypatch: pytest.MonkeyPatch, raised: Exception, words: str
+) -> None:
+    def fail(*args: object) -> None:
+        raise raised
+
+    monkeypatch.setattr(Simulation, "__post_init__", fail)
+    code, _, err = call("run", "one.toml", "-o", "run")
+    assert code == 2
+    assert err.startswith(words)
+    assert err.count("\n") == 1
+    if not isinstance(raised, ValueError | MemoryError):
+        assert "Traceback" in call("run", "one.toml", "-o", "run", "--verbose")[2]

@@ -1,6 +1,7 @@
 """Start states of equal cells at random places."""
 
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,3 +79,19 @@ def test_cells_of_several_types() -> None:
     assert [cell.name for cell in cells] == ["R1", "R2", "R3", "G1", "G2"]
     assert [cell.type for cell in cells] == ["R"] * 3 + ["G"] * 2
     assert all(cell.shape.volume == pytest.approx(500 * np.pi / 3) for cell in cells)
+
+
+@pytest.mark.parametrize(
+    ("counts", "options", "words"),
+    [
+        (3, {}, "counts = 3"),
+        ({"R": 2.5}, {}, r"counts\['R'\] = 2.5 is not a whole number"),
+        ({"R": -1}, {}, r"counts\['R'\] = -1 is not allowed"),
+        ({"R\0": 1}, {}, "counts: type = .* control character"),
+        ({"R": 1}, {"seed": -1}, "seed = -1 is not allowed"),
+        ({"R": 1}, {"seed": "x"}, "seed = 'x' is not a whole number"),
+    ],
+)
+def test_counts_and_seeds_are_whole_numbers(counts: Any, options: dict, words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        packed_cells(counts, 5.0, *CUBE, **options)

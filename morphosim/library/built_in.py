@@ -10,6 +10,7 @@ from typing import Any
 from morphosim import _validate
 from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
 from morphosim.library.synnotch import SCENES as RANDOM
+from morphosim.numerics.parameters import LARGEST_SEED
 from morphosim.scene.file import load_scene, overridden, save_scene
 from morphosim.scene.scene import Scene
 
@@ -37,7 +38,9 @@ def built_in_scene(name: str, overrides: Mapping[str, Any] | None = None) -> Sce
     if name in MADE:
         scene = MADE[name]()
     elif name in RANDOM:
-        scene = RANDOM[name]((overrides or {}).get("numerics.seed", 0))
+        seed = (overrides or {}).get("numerics.seed", 0)
+        seed = _validate.integer("numerics.seed", seed, least=0, most=LARGEST_SEED)
+        scene = RANDOM[name](seed)
     else:
         with as_file(_FOLDER / f"{name}.toml") as path:
             return load_scene(path, overrides)

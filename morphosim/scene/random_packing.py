@@ -44,6 +44,7 @@ def random_positions(
     """
     count = _validate.integer("count", count, least=1)
     radius = _validate.number("radius", radius, above=0)
+    seed = _validate.integer("seed", seed, least=0)
     low, high = _validate.vector("lower", lower), _validate.vector("upper", upper)
     filling = _checked_filling(count, radius, high - low)
     positions = np.random.default_rng(seed).uniform(low, high, (count, 3))
@@ -125,6 +126,10 @@ def packed_cells(
     >>> [cell.name for cell in cells]
     ['R1', 'R2', 'G1']
     """
+    _validate.instance("counts", counts, Mapping)
+    for kind, count in counts.items():
+        _validate.label("counts: type", kind)
+        _validate.integer(f"counts[{kind!r}]", count, least=0)
     named = [(kind, f"{kind}{k + 1}") for kind, count in counts.items() for k in range(count)]
     positions = random_positions(len(named), radius, lower, upper, seed)
     return [

@@ -83,9 +83,8 @@ def _ours(category: type[Warning]) -> bool:
 
 def _sound(text: str) -> bool:
     """Whether an error is a sentence of one line that names a thing."""
-    return (
-        bool(text.strip()) and not INNER.search(text) and len(text) <= LONGEST and "\n" not in text
-    )
+    inner = INNER.search(text.partition("may be damaged: ")[0])  # a parser's own words may follow
+    return bool(text.strip()) and not inner and len(text) <= LONGEST and "\n" not in text
 
 
 def _printable(text: str) -> bool:
