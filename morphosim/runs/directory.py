@@ -76,8 +76,9 @@ class RunDirectory:
         """Raise FileExistsError if there is a run, or a scene unless `overwrite`."""
         if self.saves:
             message = (
-                f"{self.path} already holds a run; take another directory, or go on with it: "
-                f"morphosim run --resume {self.path}"
+                f"{self.path} already holds a run; take another directory, go on with it by "
+                f"morphosim run --resume {self.path}, or replace it by morphosim run SCENE -o "
+                f"{self.path} --overwrite (overwrite=True)"
             )
             raise FileExistsError(message)
         if self.described and not overwrite:

@@ -121,3 +121,12 @@ def test_user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         found = _jit._find_cache()
         assert found.kept
         assert Path(str(found.folder)).parent == tmp_path.resolve() / expected / "morphosim"
+
+
+def test_where_files_have_no_owners_any_folder_will_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache").chmod(0o777)
+    monkeypatch.delattr(os, "geteuid")  # as on Windows
+    assert _jit._private(tmp_path / "cache") == str((tmp_path / "cache").resolve())

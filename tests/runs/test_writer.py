@@ -52,6 +52,27 @@ def test_one_dataset_of_all_saves(tmp_path: Path) -> None:
         assert int(data["row_size"].sum()) == data.sizes["sample"]
 
 
+def test_a_scene_or_a_run_that_exists_is_replaced_only_if_asked(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text("mine")
+    with pytest.raises(FileExistsError, match=r"scene\.toml exists and would be replaced"):
+        RunWriter(tmp_path, 10)
+    assert (tmp_path / "scene.toml").read_text() == "mine"
+    writer = RunWriter(tmp_path / "late", 10)
+    (tmp_path / "late" / "scene.toml").write_text("mine")  # after the writer was made
+    with pytest.raises(FileExistsError, match=r"scene\.toml exists"):
+        Simulation(scene()).run(until=2, observers=[writer])
+    assert (tmp_path / "late" / "scene.toml").read_text() == "mine"
+
+    for until in (20, 10):
+        replaces = RunWriter(tmp_path, 10, overwrite=True)
+        Simulation(scene(duration=until)).run(observers=[replaces])
+        with pytest.raises(FileExistsError, match="already holds a run.*overwrite=True"):
+            RunWriter(tmp_path, 10)
+    with open_run(tmp_path) as data:
+        assert data["time"].values.tolist() == [0, 10]
+    assert load_scene(tmp_path / "scene.toml").duration == 10
+
+
 def test_plain_xarray_opens_the_saves(tmp_path: Path) -> None:
     written(tmp_path, 10, 20)
     saves = sorted(tmp_path.glob("save-*.nc"))
