@@ -66,7 +66,7 @@ def test_a_scene_or_a_run_that_exists_is_replaced_only_if_asked(tmp_path: Path) 
     for until in (20, 10):
         replaces = RunWriter(tmp_path, 10, overwrite=True)
         Simulation(scene(duration=until)).run(observers=[replaces])
-        with pytest.raises(FileExistsError, match="already holds a run.*overwrite=True"):
+        with pytest.raises(FileExistsError, match=r"already holds a run.*overwrite=True"):
             RunWriter(tmp_path, 10)
     with open_run(tmp_path) as data:
         assert data["time"].values.tolist() == [0, 10]

@@ -58,6 +58,7 @@ def test_a_directory_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scan" / "thesis.tex").touch()
     with pytest.raises(FileExistsError, match=r"'thesis\.tex' and no scan"):
         Store(tmp_path / "scan").begin({}, other)
+    assert [p.name for p in (tmp_path / "scan").iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.parametrize("name", ["scene.toml", "scene.npz"])
@@ -75,7 +76,6 @@ def test_a_scene_of_ones_own_is_not_replaced_but_that_of_a_scan_just_begun(
     (tmp_path / "scan" / "scene.toml").write_bytes(other.scene.read_bytes())  # killed there
     Store(tmp_path / "scan").begin({}, other)
     assert Store(tmp_path / "scan").plan.exists()
-    assert [p.name for p in (tmp_path / "scan").iterdir()] == ["thesis.tex"]
 
 
 def table(cells: list[str], values: list[float], times: list[float]) -> xr.Dataset:
