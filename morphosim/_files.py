@@ -115,8 +115,11 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     except RecursionError as error:
         message = f"{where} has more brackets within brackets than can be read"
         raise ValueError(message) from error
-    except ValueError as error:  # integers of thousands of digits too
+    except tomllib.TOMLDecodeError as error:
         message = f"{where} is not a TOML file: {error}"
+        raise ValueError(message) from error
+    except ValueError as error:  # an integer of thousands of digits
+        message = f"{where} has a number of more digits than can be read"
         raise ValueError(message) from error
 
 

@@ -235,6 +235,8 @@ def several(name: str, value: Any, of: str, count: int | None = None) -> tuple[A
 
 def _check_printable(name: str, value: str, *, lines: bool) -> None:
     """Raise ValueError if a text has characters that act on a terminal, or cannot be stored."""
+    if value.isprintable():
+        return
     for place, character in enumerate(value):
         if not is_printable(character) and not (lines and character in "\n\t"):
             message = f"{name} = {brief(value)} has a control character at place {place + 1}"

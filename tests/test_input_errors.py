@@ -28,6 +28,7 @@ from morphosim import (
     load_scene,
     save_scene,
 )
+from morphosim.scene.file import scene_of
 
 NAN, INF = math.nan, math.inf
 CUBE = np.ones((4, 4, 4))
@@ -513,7 +514,7 @@ def test_a_scene_file_is_checked(load: Callable, text: str, words: tuple) -> Non
     [
         ("physics.gama", 1, ("key of physics = 'gama'", "'gamma'?")),
         ("physic.gamma", 1, ("key of the scene = 'physic'", "'physics'?")),
-        ("cells.7.name", "b", ("cannot set cells.7.name", "no '7' in a list of 1")),
+        ("cells.7.name", "b", ("cannot set 'cells.7.name'", "no '7' in a list of 1")),
         ("numerics.dt", "fast", ("numerics.dt = 'fast'", "not a number")),
         ("", 1, ("key of the scene = ''",)),
     ],
@@ -672,7 +673,7 @@ def test_voxels_around_a_mask_must_fit_into_memory() -> None:
     ("text", "words"),
     [
         ("a = " + "[" * 3000 + "\n" + CELL, ("scene.toml", "brackets within brackets")),
-        ("duration = " + "9" * 5000 + "\n" + CELL, ("scene.toml is not a TOML file", "digits")),
+        ("duration = " + "9" * 5000 + "\n" + CELL, ("scene.toml has a number of more digits",)),
         ("stages = 1\n" + CELL, ("stages = 1", "list of tables")),
         ("stages = [1]\n" + CELL, ("stages[0] = 1", "table")),
         ("cells = 0.5", ("cells = 0.5", "list of tables")),
@@ -696,3 +697,44 @@ def test_voxels_around_a_mask_must_fit_into_memory() -> None:
 )
 def test_a_scene_file_names_what_is_wrong(load: Callable, text: str, words: tuple) -> None:
     fails(lambda: load(text), *words)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"dtype": "O", "shape": [1], "values": [1]},
+        {"dtype": "f8", "shape": [10**12], "values": []},
+        {"dtype": "f8", "values": []},
+        {"dtype": 3, "shape": [1], "values": [1]},
+        {"dtype": "f8", "shape": [1], "values": ["x"]},
+        {"dtype": "u1", "shape": [1], "values": [300]},
+    ],
+)
+def test_the_table_of_an_array_is_checked(table: dict) -> None:
+    shape = {"kind": "mask", "mask": table}
+    fails(lambda: scene_of({"cells": [{"name": "a", "shape": shape}]}), "cell 'a': shape.mask")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda s: s.divide("a", "bc", axis=(1, 0, 0)), ("daughters = 'bc'", "list of texts")),
+        (lambda s: s.divide("a", ("b", "c\0"), axis=(1, 0, 0)), ("daughters[1]", "control")),
+        (lambda s: s.divide(["a"], ("b", "c"), axis=(1, 0, 0)), ("cell = ['a']", "'a'")),
+        (lambda s: s.divide("a", ("b", "c"), axis=(1, 0, 0), types=(1, 2)), ("type = 1",)),
+        (lambda s: s.remove("a"), ("cells = 'a'", "list of texts")),
+        (lambda s: s.remove([3]), ("cells[0] = 3",)),
+        (lambda s: s.change_cells("a", gamma=1.0), ("cells = 'a'", "list of texts")),
+        (lambda s: s.change_cells(["a"], type=3), ("cell 'a': type = 3",)),
+        (lambda s: s.change_cells(["a"], volume=True), ("volume = True",)),
+    ],
+)
+def test_changes_of_a_simulation_are_checked(change: Callable, words: tuple) -> None:
+    simulation = Simulation(scene())
+    fails(lambda: change(simulation), *words)
+    assert simulation.names == ["a"]
+
+
+@pytest.mark.parametrize("overrides", [3, ["duration=3"], {3: 4}, {"a\0": 1}])
+def test_overrides_are_values_by_key(load: Callable, overrides: Any) -> None:
+    fails(lambda: load(CELL, overrides=overrides) if overrides else None)

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim._files import guarded, replacing
 
+ARRAY = ("dtype", "shape", "values")
+"""Keys of the table of an array."""
+
 
 def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
     """Array as it is, of lists of numbers, as of `listed`, or named as "file.npz:key".
@@ -24,8 +27,7 @@ def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
     if isinstance(value, np.ndarray):
         return value
     if isinstance(value, Mapping):
-        _validate.keys(where, value, ("dtype", "shape", "values"))
-        return np.array(value["values"], value["dtype"]).reshape(value["shape"])
+        return _of_table(value, where)
     if not isinstance(value, str):
         return _validate.array(where, value, None)
     name, _, key = value.partition(":")
@@ -36,6 +38,20 @@ def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
     known, array = guarded(path, lambda: _entry(path, key))
     _validate.choice(f"{where}: array in {name}", key, known)
     return np.asarray(array)
+
+
+def _of_table(table: Mapping[str, Any], where: str) -> NDArray[Any]:
+    """Array that `listed` has made a table of."""
+    _validate.keys(where, table, ARRAY, ARRAY)
+    try:
+        array = np.array(table["values"], np.dtype(table["dtype"])).reshape(table["shape"])
+    except (TypeError, ValueError, OverflowError, MemoryError, RecursionError) as error:
+        message = f"{where} = {_validate.brief(table)} says no array ({error})"
+        raise ValueError(message) from error
+    if array.dtype.hasobject:
+        message = f"{where}: an array of objects; a file can hold arrays of numbers"
+        raise ValueError(message)
+    return array
 
 
 def _entry(path: Path, key: str) -> tuple[list[str], Any]:

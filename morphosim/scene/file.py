@@ -75,6 +75,9 @@ def overridden(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
 
 def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     """Replace values of a scene's table: whole tables, then a preset, then single values."""
+    _validate.instance("overrides", overrides, Mapping)
+    for key in overrides:
+        _validate.label("key of a value to set", key, empty=True)
     for key in sorted(overrides, key=lambda key: (key.count("."), key != "numerics.preset")):
         if key == "numerics.preset":  # replaces what the table says of accuracy and speed
             kept = table.get("numerics", {})
@@ -103,10 +106,11 @@ def _inside(place: Any, name: str, key: str) -> Any:
     elif name.isdecimal() and len(name) < 10 and int(name) < len(place):
         found = place[int(name)]
     else:
-        message = f"cannot set {key}: there is no {name!r} in a list of {len(place)}"
+        shown = _validate.brief(name, 40)
+        message = f"cannot set {key!r}: there is no {shown} in a list of {len(place)}"
         raise ValueError(message)
     if not isinstance(found, dict | list):
-        message = f"cannot set {key}: {name} is not a table"
+        message = f"cannot set {key!r}: {name!r} is not a table"
         raise ValueError(message)
     return found
 

@@ -258,6 +258,7 @@ def power_cells(
     """Shapes of the cells of a power partition; see `Scene.from_points`."""
     from morphosim.geometry.power_partition import power_partition
 
+    names = _validate.labels("names", names)
     points = _validate.array("positions", positions, (len(names), 3))
     wanted = _validate.array("volumes", volumes, (len(names),))
     partition = power_partition(points, wanted, confinement)

@@ -81,7 +81,7 @@ class Changes:
             There is no such cell, or a cell has or had a daughter's name.
         """
         row = self._row(cell)
-        for name in daughters:
+        for name in _validate.labels(f"division of {cell!r}: daughters", daughters, 2):
             if name in self._used:
                 message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
                 raise ValueError(message)
@@ -114,7 +114,7 @@ class Changes:
         ValueError
             There is no such cell, or none would be left.
         """
-        rows = sorted({self._row(name) for name in cells}, reverse=True)
+        rows = sorted({self._row(name) for name in _listed(cells)}, reverse=True)
         if len(rows) == len(self.engine):
             message = f"all {len(rows)} cells would be removed; at least one must stay"
             raise ValueError(message)
@@ -131,7 +131,7 @@ class Changes:
             There is no such cell or value.
         """
         _validate.keys("change of cells", values, CHANGEABLE)
-        names = list(dict.fromkeys(cells))
+        names = list(dict.fromkeys(_listed(cells)))
         rows = np.array([self._row(name) for name in names], np.int64)
         for name in names:
             check_values(name, values)
@@ -213,7 +213,7 @@ class Changes:
     def _row(self, cell: str) -> int:
         """Row of a cell in the table."""
         table = self.engine.everyone
-        if not table.has(cell):
+        if not isinstance(cell, str) or not table.has(cell):
             _validate.choice("cell", cell, table.names)
         return table.row(cell)
 
@@ -230,6 +230,11 @@ class Changes:
             self.removed.append((self.time, name))
         self.engine.remove(rows)
         self._volumes.forget(names)
+
+
+def _listed(cells: Iterable[str]) -> tuple[str, ...]:
+    """Names of cells; TypeError if it is one text, or no texts."""
+    return _validate.labels("cells", cells if isinstance(cells, str) else list(cells))
 
 
 def used_names(table: CellTable) -> set[str]:

@@ -165,7 +165,7 @@ def _checked(
     base = scene if isinstance(scene, Scene) else find_scene(str(scene))
     seed = overrides.get(SEED, base.numerics.seed)
     fixed = dict(overrides)
-    if choices["replicates"] > 1:
+    if _validate.integer("replicates", choices["replicates"], least=1) > 1:
         fixed.pop(SEED, None)
     plan = make_plan(axes, seed=seed, fixed=fixed, **choices)
     for name in (*axes, *(figure.name for figure in figures)):
