@@ -19,6 +19,11 @@ OTHER_ENCODINGS = {
 """Encodings by byte-order mark; that of UTF-16 begins as one of UTF-32 does."""
 
 
+STUMBLES = (LookupError, TypeError, AttributeError, ArithmeticError, AssertionError, NameError)
+"""Errors of a parser that has not noticed that a file is damaged."""
+LONGEST_REASON, MOST_LISTED = 200, 30
+
+
 def check_file(path: Path, suffixes: Iterable[str]) -> None:
     """Raise unless the file exists and has one of these extensions."""
     _validate.choice(f"extension of {path}", path.suffix.lower(), suffixes)
@@ -55,8 +60,17 @@ def guarded(path: Path, read: Callable[[], T]) -> T:
         message = f"{path} asks for more memory than there is; it is too large, or damaged"
         raise ValueError(message) from error
     except Exception as error:  # the parsers' errors have no common base
-        message = f"{path} cannot be read as a {path.suffix.lower()} file; it may be damaged: "
-        raise ValueError(f"{message}{type(error).__name__}: {error}") from error
+        message = f"{path} cannot be read as a {path.suffix.lower()} file; it may be damaged"
+        raise ValueError(message + _said_by_parser(error)) from error
+
+
+def _said_by_parser(error: Exception) -> str:
+    """What a parser says, in one line; nothing, where Python has stumbled within it."""
+    if isinstance(error, STUMBLES) or not str(error).strip():
+        return f" ({type(error).__name__})"
+    line = str(error).strip().splitlines()[0]
+    plain = "".join(c if _validate.is_printable(c) else "?" for c in line)
+    return f": {type(error).__name__}: {plain[:LONGEST_REASON]}"
 
 
 def read_text(path: Path) -> str:
@@ -89,7 +103,9 @@ def read_text(path: Path) -> str:
 
 def listed(names: Sequence[str]) -> str:
     """Names as a text for an error."""
-    return ", ".join(repr(name) for name in names) if names else "(none)"
+    shown = ", ".join(_validate.brief(name, 60) for name in names[:MOST_LISTED])
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return shown + more or "(none)"
 
 
 def toml_table(path: Path, what: str) -> dict[str, Any]:

@@ -190,7 +190,8 @@ READERS: Mapping[str, Callable[[Path], Iterable[tuple[int, list[str]]]]] = {
 
 
 def text(name: str, entry: str) -> str:
-    """Return an entry as it is."""
+    """Return an entry that may be a name."""
+    _validate.label(name, entry)
     return entry
 
 

@@ -1,5 +1,6 @@
 """Label images in netCDF files, as the CF conventions say that values are stored."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ def read_netcdf(path: Path, wanted: Wanted) -> Found:
     def open_plainly() -> Any:
         return xr.open_dataset(path, decode_times=False)
 
-    with guarded(path, open_plainly) as data:
+    with warnings.catch_warnings(), guarded(path, open_plainly) as data:
+        warnings.simplefilter("ignore", xr.SerializationWarning)  # of several fill values
         variable = data[_chosen(path, data, wanted.key)]
         where = f"{path}: {variable.name}"
         check_memory(where, variable.nbytes)

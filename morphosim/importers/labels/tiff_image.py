@@ -1,7 +1,9 @@
 """Label images in TIFF files: OME-TIFF, stacks of ImageJ and Fiji, and plain ones."""
 
+import logging
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -37,7 +39,7 @@ def read_tiff(path: Path, wanted: Wanted) -> Found:
     import tifffile
 
     _check_whole(path)
-    with guarded(path, lambda: tifffile.TiffFile(path)) as file:
+    with _quiet(), guarded(path, lambda: tifffile.TiffFile(path)) as file:
         series = guarded(path, lambda: list(file.series))
         k = _chosen(path, series, wanted.key)
         where = str(path) if len(series) == 1 else f"{path}, image {k}"
@@ -53,6 +55,17 @@ def read_tiff(path: Path, wanted: Wanted) -> Found:
     labels, letters = at_time(where, values, letters, wanted.time_index)
     steps, first = partial(_steps, path, k, ome, imagej, ratios), partial(_ome_first, path, k, ome)
     return Found(labels=labels, letters=letters, steps=steps, first=first)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Tifffile logs what is wrong with a file; where it matters, it raises too, or we do."""
+    logger = logging.getLogger("tifffile")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 def _chosen(path: Path, series: list[Any], key: str | None) -> int:

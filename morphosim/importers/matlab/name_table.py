@@ -61,6 +61,8 @@ def _checked_names(path: Path, kind: str, entries: Sequence[str]) -> list[str]:
         at = f" (number {names.index('') + 1})" if names else ""
         message = f"{path}: a {kind}{at} has no name; expected a cell's name at each {kind}"
         raise ValueError(message)
+    for name in names:
+        _validate.label(f"{path}: name of a {kind}", name)
     _validate.unique(f"{path}: {kind}", names)
     return names
 
