@@ -4,6 +4,7 @@ Importing this module makes every xarray Dataset have it; it is meant for those 
 """
 
 import difflib
+import html
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,15 +22,26 @@ from morphosim.runs.reader import read_run
 from morphosim.runs.saved_fields import (
     SavedBoxes,
     load_fields,
+    save_count,
     saved_boxes,
     spacing,
     time_index,
     variable,
 )
-from morphosim.runs.views import FullFields, axes, block, contacts, read_labels, stored_image
+from morphosim.runs.schema import IN_GROUPS
+from morphosim.runs.views import (
+    FullFields,
+    axes,
+    block,
+    cell_columns,
+    contacts,
+    read_labels,
+    stored_image,
+)
 
 if TYPE_CHECKING:
     import networkx as nx
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -38,6 +50,8 @@ if TYPE_CHECKING:
 
 MOST_NEAR_NAMES = 8
 PHI = {"units": "1", "long_name": "phase field"}
+HELD = {"phi": "fields", "label": "label images", "contact_time": "a list of contacts"}
+"""Variables, and what a run with them holds."""
 MOTION = {
     "displacement": "distance from the position in the first save",
     "path_length": "length of the path since the first save",
@@ -75,6 +89,35 @@ class MorphoAccessor:
 
     def __init__(self, run: xr.Dataset) -> None:
         self._run = run
+
+    def __repr__(self) -> str:
+        return "\n".join([*self._facts(), f"run.morpho has {', '.join(self._words())}"])
+
+    def _repr_html_(self) -> str:
+        first, *rest = map(html.escape, self._facts())
+        words = " ".join(f"<code>.{word}</code>" for word in self._words())
+        return f"<b>{first}</b><br>{'<br>'.join(rest)}<br><code>run.morpho</code> has {words}"
+
+    @property
+    def table(self) -> xr.Dataset:
+        """The run without fields, label images and lists: what has time and cells alone.
+
+        Runs whose fields differ in size can be joined by these, as in `xr.concat([a.morpho.table,
+        b.morpho.table], "run")`.
+        """
+        own = {dim for name in IN_GROUPS if name in self._run for dim in self._run[name].dims}
+        return self._run.drop_dims(own - {"axis"})
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """Table with a row for each cell at each save it is in.
+
+        Columns are `time`, `cell`, `parent`, and all that the run has per time and cell; what has
+        more axes has a column for each place, such as `centroid_x`.
+        """
+        import pandas as pd
+
+        parts = [pd.DataFrame(cell_columns(self._run, k)) for k in range(save_count(self._run))]
+        return pd.concat(parts, ignore_index=True)
 
     def phi(self, cell: str, time: float | None = None) -> xr.DataArray:
         """Phase field of a cell in its box: (x, y, z) with coordinates in µm."""
@@ -245,6 +288,27 @@ class MorphoAccessor:
         if time is not None:
             _validate.number("time", time)
         return time_index(self._run, time)
+
+    def _facts(self) -> list[str]:
+        """What the run is, in a few lines; also of a selection, or of another Dataset."""
+        run = self._run
+        facts = [f"Run of {run.attrs['scene']!r}" if "scene" in run.attrs else "Run"]
+        if "time" in run.dims and run.sizes["time"]:
+            times = run["time"].values
+            facts.append(f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}")
+        if "cell" in run.dims:
+            cells = f"{run.sizes['cell']} cells"
+            if "volume" in run and run["volume"].dims == ("time", "cell") and run["volume"].size:
+                cells += f", {int(self._living[-1].sum())} of them at the end"
+            facts.append(cells)
+        held = [text for name, text in HELD.items() if name in run.variables]
+        facts.append(f"holds {', '.join(['measured variables', *held])}")
+        if run.attrs.get("error"):
+            facts.append(f"ended by an error: {run.attrs['error']}")
+        return facts
+
+    def _words(self) -> list[str]:
+        return [name for name in dir(type(self)) if not name.startswith("_")]
 
     @property
     def _spacing(self) -> float:

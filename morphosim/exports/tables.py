@@ -1,6 +1,6 @@
 """Tables of a run as CSV: `cells.csv`, `contacts.csv` and `times.csv`."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,7 @@ import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
 from morphosim.progress import Tell
-from morphosim.runs.saved_fields import variable
-from morphosim.runs.views import contacts
+from morphosim.runs.views import cell_columns, contacts
 
 TABLES = ("cells", "contacts", "times")
 
@@ -31,39 +30,11 @@ def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) ->
             stack.enter_context(path.open("w", encoding="utf-8", newline="")) for path in paths
         ]
         for done, save in enumerate(saves, 1):
-            tables = (_cells(run, save), _contacts(run, save), _times(run, save))
+            tables = (cell_columns(run, save), _contacts(run, save), _times(run, save))
             for file, columns in zip(files, tables, strict=True):
                 pd.DataFrame(columns).to_csv(file, header=done == 1, index=False)
             tell(done, len(saves))
     return paths
-
-
-def _cells(run: xr.Dataset, save: int) -> dict[str, Any]:
-    """Columns of the cells that are there at a save."""
-    living = np.isfinite(variable(run, "volume", "time", "cell")[save].values)
-    columns = {
-        "time": np.full(living.sum(), run["time"].values[save]),
-        "cell": run["cell"].values[living],
-        "parent": variable(run, "parent", "cell").values[living],
-    }
-    for name, data in run.data_vars.items():
-        if data.dims[:2] == ("time", "cell") and "neighbour" not in data.dims:
-            columns |= _flat(name, data[save].isel(cell=living))
-    return columns
-
-
-def _flat(name: Hashable, data: xr.DataArray) -> dict[str, Any]:
-    """One column per place along the dimensions after the first: `centroid_x`, …."""
-    marks = [
-        data[d].values if d in data.coords else np.arange(data.sizes[d]) for d in data.dims[1:]
-    ]
-    values = data.values
-    return {
-        "_".join([str(name), *(str(m[k]) for m, k in zip(marks, place, strict=True))]): values[
-            (slice(None), *place)
-        ]
-        for place in np.ndindex(values.shape[1:])
-    }
 
 
 def _contacts(run: xr.Dataset, save: int) -> dict[str, Any]:
@@ -81,7 +52,8 @@ def _contacts(run: xr.Dataset, save: int) -> dict[str, Any]:
 
 def _times(run: xr.Dataset, save: int) -> dict[str, Any]:
     """Columns of one save: all that the run has per time."""
-    of_time = {str(k): v for k, v in run.data_vars.items() if v.dims == ("time",)}
+    names = (*run.data_vars, *(run.coords.keys() - run.dims))
+    of_time = {str(n): run[n] for n in names if run[n].dims == ("time",)}
     return {
         "time": [run["time"].values[save]],
         **{name: [data.values[save]] for name, data in of_time.items()},

@@ -1,7 +1,7 @@
 """From the files of all saves to one Dataset."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from morphosim._files import guarded
 from morphosim.measure.variable import Variable
 from morphosim.runs.lazy_concat import Segment, chained
-from morphosim.runs.netcdf_variables import described
+from morphosim.runs.netcdf_variables import PACKED_PHI, described
 from morphosim.runs.schema import (
     CONTACT_LIST,
     CONTACT_MATRIX,
     COORDINATES,
     GROUPS,
     IN_GROUPS,
-    PHI_STEP,
 )
 
 if TYPE_CHECKING:
@@ -79,14 +78,19 @@ class Save:
             areas = table.pop(MATRIX, None)
             if areas is not None:
                 groups["contacts"] = _list_of(areas[0])
+            variables = {
+                name: described(variable)
+                for group in (file, *file.groups.values())
+                for name, variable in group.variables.items()
+            }
+            if "time" in variables["parent"].dims:  # in saves before 0.2 it is not
+                variables["parent"] = replace(variables["parent"], dims=("cell",))
+                table["parent"] = table["parent"][0]
             return cls(
                 path=path,
                 table=table,
                 groups=groups,
-                variables={
-                    name: described(variable) for group in (file, *file.groups.values())
-                    for name, variable in group.variables.items()
-                },
+                variables=variables,
                 matrix=areas is not None,
                 lengths={
                     name: len(file[group][name]) for name, group in LAZY.items()
@@ -138,10 +142,18 @@ def merged(saves: Sequence[Save]) -> "xr.Dataset":
             values = _chain(saves, columns, name)
             encoding = _encoding(saves) if name == "phi" else {}
             variables[name] = (stored[name].dims, values, stored[name].attributes, encoding)
-    names = [name for name in ("time", *COORDINATES) if name in variables]
-    coordinates = {name: variables.pop(name) for name in names}
-    parent = variables.pop("parent")
-    return xr.Dataset(variables | {"parent": parent}, coordinates, saves[-1].attributes)
+    coordinates = {n: variables.pop(n) for n in ("time", *COORDINATES) if n in variables}
+    return with_coordinates(xr.Dataset(variables, coordinates, saves[-1].attributes))
+
+
+def with_coordinates(run: "xr.Dataset") -> "xr.Dataset":
+    """Make coordinates of what there is no arithmetic with.
+
+    That are texts, by which xarray then groups; and what has a length of its own, the fields among
+    it, which xarray then leaves as they are instead of giving them all dimensions, as `where` does.
+    """
+    texts = [name for name, values in run.variables.items() if values.dtype.kind in "OSU"]
+    return run.set_coords([name for name in (*texts, *IN_GROUPS) if name in run.variables])
 
 
 def _tables(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], names: list[str]) -> Table:
@@ -173,7 +185,7 @@ def _stored(saves: Sequence[Save]) -> dict[str, Variable]:
 def _encoding(saves: Sequence[Save]) -> dict[str, Any]:
     """How the fields are stored, if it is alike in all saves."""
     packed = all(save.packed for save in saves if "fields" in save.groups)
-    return {"dtype": "int16", "scale_factor": np.float32(PHI_STEP)} if packed else {}
+    return PACKED_PHI | {"zlib": True, "complevel": 1} if packed else {}
 
 
 def _stacked(

@@ -15,6 +15,8 @@ CHUNK = 1 << 15
 """Values per chunk of compressed fields."""
 ENCODING, SCALE, FILL = "_Encoding", "scale_factor", "_FillValue"
 """Attributes that say how values are stored, and nothing of what they are."""
+PACKED_PHI = {"dtype": "int16", SCALE: np.float32(PHI_STEP), FILL: np.int16(-(1 << 15))}
+"""How xarray says that a phase field is packed; no field has the value that stands for none."""
 
 
 def write_variables(group: Any, variables: Mapping[str, Variable], values: Values) -> None:
@@ -42,7 +44,7 @@ def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], ki
         options = {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
     attributes = variable.attributes
     if name == "phi" and np.dtype(kind).kind == "i":
-        attributes[SCALE] = np.float32(PHI_STEP)
+        attributes[SCALE], options["fill_value"] = PACKED_PHI[SCALE], PACKED_PHI[FILL]
     created = group.createVariable(name, kind, variable.dims, **options)
     created.set_auto_maskandscale(False)
     created.setncatts(attributes)

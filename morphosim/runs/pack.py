@@ -53,6 +53,7 @@ def _write(run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
 
     with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
         file.setncatts(run.attrs)
+        file.setncattr("coordinates", " ".join(str(n) for n in run.coords if n not in run.dims))
         pack_shell(files.path, file)
         if files.scene.exists():
             file.setncattr("scene_toml", files.scene.read_text(encoding="utf-8"))

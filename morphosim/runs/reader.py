@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING
 from morphosim._files import guarded
 from morphosim.errors import DamageWarning
 from morphosim.runs.directory import RunDirectory
-from morphosim.runs.merge import NEEDED, Save, merged
+from morphosim.runs.merge import LAZY, NEEDED, Save, merged, with_coordinates
+from morphosim.runs.netcdf_variables import PACKED_PHI
 from morphosim.runs.save_facts import most_common
 
 if TYPE_CHECKING:
     import xarray as xr
+
+MOST_AT_ONCE = 1 << 22
+"""Variables of a packed run with more values are read when they are used."""
 
 
 def read_run(path: str | Path) -> "xr.Dataset":
@@ -43,16 +47,38 @@ def read_run(path: str | Path) -> "xr.Dataset":
 
 
 def _packed(path: Path) -> "xr.Dataset":
-    """Dataset of a packed file."""
-    import xarray as xr
-
-    run = guarded(path, lambda: xr.open_dataset(path, engine="netcdf4"))
-    lacking = [name for name in NEEDED if name not in run.variables]
+    """Dataset of a packed file, of whatever version, in the form of `merged`."""
+    file = guarded(path, lambda: _opened(path))
+    lacking = [name for name in NEEDED if name not in file.variables]
     if lacking:
-        run.close()
+        file.close()
         message = f"{path} is no packed run: it has no variable {lacking[0]!r}"
         raise ValueError(message)
+    run = with_coordinates(file)
+    run.set_close(file.close)
+    if "phi" in run and run["phi"].encoding["dtype"] == PACKED_PHI["dtype"]:
+        run["phi"].encoding |= PACKED_PHI
     return run
+
+
+def _opened(path: Path) -> "xr.Dataset":
+    """Dataset of a file as it is.
+
+    What is large is read each time it is used, and not cached: of copies of what xarray has in its
+    cache it cannot tell, but by reading them, that they are the same.
+    """
+    import xarray as xr
+
+    file = xr.open_dataset(path, engine="netcdf4", cache=False)
+    try:
+        for name, values in file.variables.items():
+            if name not in LAZY and values.size <= MOST_AT_ONCE:
+                values.load()
+                values.encoding = {}  # of characters and chunks, which a selection does not have
+    except BaseException:
+        file.close()
+        raise
+    return file
 
 
 def _readable(paths: Sequence[Path]) -> list[Save]:

@@ -86,7 +86,7 @@ def provenance(simulation: Observed) -> dict[str, Any]:
 def _names(state: MeasuredState) -> Values:
     return {
         "cell": state.names, "neighbour": state.names, "axis": list("xyz"),
-        "principal": np.arange(3), "parent": state.simulation.parents,
+        "principal": np.arange(3), "parent": [state.simulation.parents],
     }  # fmt: skip
 
 

@@ -13,7 +13,10 @@ COORDINATES = {
     "axis": Variable(("axis",), str, None, "axis of space"),
     "principal": Variable(("principal",), "i4", "1", "principal axis, the longest first"),
 }
-PARENT = {"parent": Variable(("cell",), str, None, "name of the mother cell")}
+PARENT = {"parent": Variable(("time", "cell"), str, None, "name of the mother cell")}
+"""Along `cell` alone in a run. In a save all that is measured is along `time`, so that plain xarray
+can tell how to put saves together: `open_mfdataset` with combine="nested", concat_dim="time",
+join="outer"."""
 
 CONTACT_MATRIX = {
     "contact_area": Variable(

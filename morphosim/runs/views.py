@@ -1,6 +1,6 @@
 """Parts of a run, read from its Dataset: only what is asked for comes from disk."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -83,6 +83,39 @@ def contacts(run: xr.Dataset, save: int) -> list[tuple[str, str, float]]:
 
 def _pairs(a: NDArray, b: NDArray, area: NDArray) -> list[tuple[str, str, float]]:
     return list(zip(a.tolist(), b.tolist(), area.tolist(), strict=True))
+
+
+def cell_columns(run: xr.Dataset, save: int) -> dict[str, NDArray[Any]]:
+    """Columns of a table with a row for each cell that is there at a save.
+
+    They are time, cell and parent, and all that the run has per time and cell; what has more axes,
+    as centroids do, has a column per place along them, such as `centroid_x`.
+    """
+    living = np.isfinite(variable(run, "volume", "time", "cell")[save].values)
+    columns = {
+        "time": np.full(living.sum(), run["time"].values[save]),
+        "cell": run["cell"].values[living],
+        "parent": variable(run, "parent", "cell").values[living],
+    }
+    for name in (*run.data_vars, *run.coords):
+        data = run[name]
+        if data.dims[:2] == ("time", "cell") and "neighbour" not in data.dims:
+            columns |= _flat(name, data[save].isel(cell=living))
+    return columns
+
+
+def _flat(name: Hashable, data: xr.DataArray) -> dict[str, NDArray[Any]]:
+    """One column per place along the dimensions after the first."""
+    marks = [
+        data[d].values if d in data.coords else np.arange(data.sizes[d]) for d in data.dims[1:]
+    ]
+    values = data.values
+    return {
+        "_".join([str(name), *(str(m[k]) for m, k in zip(marks, place, strict=True))]): values[
+            (slice(None), *place)
+        ]
+        for place in np.ndindex(values.shape[1:])
+    }
 
 
 class FullFields(BackendArray):
