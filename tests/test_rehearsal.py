@@ -214,7 +214,10 @@ def test_an_event_of_ones_own_may_tell_what_it_will_do() -> None:
     )
 
 
-def test_physics_that_an_event_brings_are_checked_for_stability() -> None:
+def test_what_an_event_brings_is_checked_for_stability() -> None:
+    soft = CellChange(cells=["m"], values={"gamma": 0.01})
+    told = stability.concerns(scene(stage(events=[soft]), physics=Physics(sigma=0.5)))
+    assert any("surface tension 0.01" in text for text in told)
     strong = scene(stage(events=[PhysicsChange(values={"M": 200.0})]), physics=Physics())
     assert any("numerics.S" in text for text in stability.concerns(strong))
     assert not stability.concerns(scene(stage()))

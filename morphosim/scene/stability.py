@@ -13,6 +13,7 @@ its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenva
 """
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -125,8 +126,7 @@ def _is_pressed(cell: Cell, scene: Scene) -> bool:
 def _concerns_of_terms(scene: Scene) -> list[str]:
     """The worst concern of each kind of term, over all stages."""
     worst: dict[type, Concern] = {}
-    for physics in scene.courses:
-        conditions = _conditions(scene, physics)
+    for physics, conditions in _courses(scene):
         for term in physics.active_terms:
             concern, kind = term.concern(conditions), type(term)
             if concern and (kind not in worst or concern.excess > worst[kind].excess):
@@ -139,15 +139,22 @@ def explicit_rates(scene: Scene) -> dict[str, float]:
 
     Those of the stage where they are fastest.
     """
-    rates = [_rates(scene, physics) for physics in scene.courses]
+    rates = [_rates(*course) for course in _courses(scene)]
     return max(rates, key=lambda rates: sum(rates.values()))
 
 
-def _conditions(scene: Scene, physics: Physics) -> Conditions:
-    """What force terms are asked about."""
+def _courses(scene: Scene) -> list[tuple[Physics, Conditions]]:
+    """All physics that hold in turn, each with what its terms are asked about."""
+    rehearsal = scene.rehearsed()
+    given = rehearsal.tensions
+    return [(physics, _conditions(scene, physics, given)) for physics in rehearsal.courses]
+
+
+def _conditions(scene: Scene, physics: Physics, given: Sequence[float]) -> Conditions:
+    """What force terms are asked about; events give cells the surface tensions `given`."""
     stepped = [cell for cell in scene.cells if not cell.frozen] or list(scene.cells)
     return Conditions(
-        tensions=np.array(tensions(stepped, physics)),
+        tensions=np.array([*tensions(stepped, physics), *given]),
         mean_tension=float(np.mean(tensions(scene.cells, physics))),
         volumes=np.concatenate([_volumes(cell) for cell in stepped]),
         types=scene.possible_types,
@@ -165,9 +172,9 @@ def _volumes(cell: Cell) -> list[float]:
     return [cell.target_volume(0.0), *getattr(cell.volume, "volumes", ())]
 
 
-def _rates(scene: Scene, physics: Physics) -> dict[str, float]:
+def _rates(physics: Physics, conditions: Conditions) -> dict[str, float]:
     """Rates at a point, or of cells as a whole, whichever are faster together."""
-    conditions, terms = _conditions(scene, physics), physics.active_terms
+    terms = physics.active_terms
     at_points = [(term.name, term.explicit_rate(conditions)) for term in terms]
     of_cells = [(term.name, term.whole_cell_rate(conditions)) for term in terms]
     return max(_summed(at_points), _summed(of_cells), key=lambda rates: sum(rates.values()))
@@ -192,8 +199,8 @@ def least_S(scene: Scene) -> float:
         return 0.0
     share = 0.75 if scene.numerics.scheme == "bdf2" else 0.5
     needed = [
-        share * sum(_rates(scene, physics).values()) - physics.tau / scene.numerics.dt
-        for physics in scene.courses
+        share * sum(_rates(*course).values()) - course[0].tau / scene.numerics.dt
+        for course in _courses(scene)
     ]
     return max(0.0, *needed)
 
@@ -209,5 +216,6 @@ def stabilised(scene: Scene) -> Scene:
 def largest_euler_step(scene: Scene) -> float:
     """Largest δt of explicit Euler that is expected to be stable."""
     k2 = largest_eigenvalue(scene.numerics.order, scene.numerics.spacing)
-    fastest = explicit_rate(scene) + float(_conditions(scene, scene.physics).tensions.max()) * k2
+    stiffest = max(float(conditions.tensions.max()) for _, conditions in _courses(scene))
+    fastest = explicit_rate(scene) + stiffest * k2
     return float(2 * scene.physics.tau / fastest)
