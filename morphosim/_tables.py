@@ -15,6 +15,8 @@ from morphosim._files import check_file, guarded, listed, read_text
 Converter = Callable[[str, str], Any]
 """Turns an entry into a value; the first text says whose entry it is, for errors."""
 SEPARATORS = ",;\t"
+MOST_ENTRIES = 2**24
+"""Entries of a sheet, at most: as many as an .xls file may have."""
 SEPARATOR_LINE = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 """First line by which Excel is told the separator."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
@@ -168,6 +170,9 @@ def _rows_of_xlsx(path: Path) -> Iterable[tuple[int, list[str]]]:
 
     def rows() -> list[list[str]]:
         sheet = openpyxl.load_workbook(path, data_only=True).worksheets[0]
+        if sheet.max_row * sheet.max_column > MOST_ENTRIES:  # an entry far out makes them all
+            message = f"its sheet has {sheet.max_row} rows and {sheet.max_column} columns"
+            raise ValueError(message)
         return [[_text(value) for value in row] for row in sheet.iter_rows(values_only=True)]
 
     return enumerate(guarded(path, rows), start=1)

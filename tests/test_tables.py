@@ -8,6 +8,7 @@ import openpyxl
 import pytest
 
 from morphosim import load_scene
+from morphosim._files import toml_table
 from morphosim._tables import read_rows
 from morphosim.importers.labels.cell_table import read_cells
 from morphosim.importers.lineage import read_lineage
@@ -46,6 +47,14 @@ def test_spreadsheets_hold_the_same_tables(tmp_path: Path) -> None:
     assert read_cells(tmp_path / "cells.xlsx") == {
         70000: {"name": "A", "frozen": True}, 8: {"name": "9", "frozen": False},
     }  # fmt: skip
+
+
+def test_an_entry_far_out_is_told(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active["A1"], book.active["XFD1048576"] = "label", 1
+    book.save(tmp_path / "cells.xlsx")
+    with pytest.raises(ValueError, match="its sheet has 1048576 rows and 16384 columns"):
+        read_cells(tmp_path / "cells.xlsx")
 
 
 BAD = {
@@ -105,3 +114,5 @@ def test_scene_files_say_their_encoding(tmp_path: Path) -> None:
         path.write_bytes(text.encode(encoding))
         with pytest.raises(ValueError, match=error):
             load_scene(path)
+    path.write_bytes(("\ufeff" + text).encode())
+    assert toml_table(path, "scene file") == {"name": "Zellü"}

@@ -153,7 +153,7 @@ def _check_data(where: str, series: Any, pages: Sequence[Any], size: int) -> Non
         if page is None:
             message = f"{where} lacks planes of its {series.shape[0]}; it may be cut short, or "
             raise ValueError(message + "a part of several files")
-        spans = zip(page.dataoffsets, page.databytecounts, strict=True)
+        spans = zip(page.dataoffsets, page.databytecounts, strict=False)  # damaged: some
         _check_end(where, max((a + n for a, n in spans), default=0), size)
 
 
@@ -172,7 +172,7 @@ def _imagej_steps(path: Path, said: Mapping[str, Any] | None, ratios: Sequence[A
     scale = unit(str(path), str(said["unit"]).replace("\\u00B5", "µ"))
     steps = {
         axis: scale * ratio[1] / ratio[0] for axis, ratio in zip("xy", ratios, strict=True)
-        if ratio is not None and min(ratio) > 0
+        if isinstance(ratio, tuple) and len(ratio) == 2 and min(ratio) > 0
     }  # fmt: skip
     if "spacing" in said:
         steps["z"] = scale * abs(_number(f"{path}: spacing", said["spacing"]))
