@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from morphosim.cli.app import Overwrite, command, note, remark
+from morphosim.cli.app import Overwrite, command, note, progress, remark
 
 if TYPE_CHECKING:
     from morphosim.scene.scene import Scene
@@ -88,15 +88,14 @@ def import_labels(
     labels = read_labels(
         image, axes=axes, spacing=spacing, origin=origin, key=key, time_index=time_index
     )
-    scene = read(
-        labels, names=table, frozen=_names(frozen), active=_names(active) if active else None,
-        confinement="image" if shell else None, physics=Physics(sigma=sigma), volumes=volumes,
-        least_voxels=least_voxels, background=background,
-        name=image.name.partition(".")[0],
-    )  # fmt: skip
-    if relax:
-        with compilation_told(remark):
-            scene = relaxed(scene, relax)
+    with compilation_told(remark), progress() as tell:
+        scene = read(
+            labels, names=table, frozen=_names(frozen), active=_names(active) if active else None,
+            confinement="image" if shell else None, physics=Physics(sigma=sigma), volumes=volumes,
+            least_voxels=least_voxels, background=background, name=image.name.partition(".")[0],
+        )  # fmt: skip
+        if relax:
+            scene = relaxed(scene, relax, lambda done, of: tell("relaxing", done, of))
     file = _save(scene, output)
     still = sum(cell.frozen for cell in scene.cells)
     note(f"{len(scene.cells)} cells, {still} of them frozen: {', '.join(scene.names)}")

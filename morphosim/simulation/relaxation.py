@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from morphosim import _validate
+from morphosim.progress import Tell, silent
 from morphosim.scene.scene import Scene
 from morphosim.simulation.simulation import Simulation
 
@@ -11,7 +12,7 @@ RELAXATION = 10.0
 do as well."""
 
 
-def relaxed(scene: Scene, time: float = RELAXATION) -> Scene:
+def relaxed(scene: Scene, time: float = RELAXATION, tell: Tell = silent) -> Scene:
     """Copy of a scene that starts from the fields after `time` with no cell frozen.
 
     Where cells touch, their profiles are steeper than those that fields are made with. Cells that
@@ -25,6 +26,8 @@ def relaxed(scene: Scene, time: float = RELAXATION) -> Scene:
     scene : Scene
     time : float
         *In silico* time.
+    tell : callable
+        Told after each step how many are done, and of how many.
 
     Returns
     -------
@@ -39,5 +42,8 @@ def relaxed(scene: Scene, time: float = RELAXATION) -> Scene:
     _validate.number("time", time, above=0)
     free = [replace(cell, frozen=False) for cell in scene.cells]
     simulation = Simulation(replace(scene, cells=free, on_vanish="stop"))
-    simulation.step(scene.numerics.steps_to(time))  # without the scene's stages
+    steps = scene.numerics.steps_to(time)
+    for done in range(steps):
+        simulation.step()  # without the scene's stages
+        tell(done + 1, steps)
     return scene.with_fields(simulation.fields, scene.numerics.spacing)
