@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import tifffile
@@ -336,6 +337,39 @@ def test_netcdf_values_are_unpacked_and_missing_ones_are_background(
     data = xr.Dataset({"seg": (("x", "y", "z"), values), "raw": (("x", "y"), LABELS[..., 0])})
     data.to_netcdf(tmp_path / "a.nc", encoding={"seg": encoding})
     assert_same(read_labels(tmp_path / "a.nc", spacing=1), 1)
+
+
+@pytest.mark.parametrize("kind", ["NETCDF3_CLASSIC", "NETCDF3_64BIT", "NETCDF4"])
+def test_netcdf_files_cut_short(tmp_path: Path, kind: Any) -> None:
+    path = tmp_path / "a.nc"
+    data = xr.Dataset({"a": (("x", "y", "z"), LABELS.astype(np.int32))})
+    data.to_netcdf(path, format=kind, unlimited_dims=["x"] if kind == "NETCDF3_64BIT" else [])
+    assert_same(read_labels(path, spacing=1), 1)
+    whole = path.read_bytes()
+    text = "may be damaged" if kind == "NETCDF4" else "cut short, or damaged"
+    for kept in (len(whole) - 3, len(whole) // 2, 100):
+        path.write_bytes(whole[:kept])
+        with pytest.raises(ValueError, match=text):
+            read_labels(path, spacing=1)
+
+
+def test_netcdf_that_says_too_much(tmp_path: Path) -> None:
+    with netCDF4.Dataset(tmp_path / "a.nc", "w") as file:
+        for axis in "xyz":
+            file.createDimension(axis, 200_000)
+        file.createVariable("a", "i4", ("x", "y", "z"), chunksizes=(10, 10, 10))
+    with pytest.raises(ValueError, match=r"a\.nc: a says that it holds 3\.2e\+07 GB"):
+        read_labels(tmp_path / "a.nc", spacing=1)
+
+
+def test_tiff_that_says_too_much(tmp_path: Path) -> None:
+    path = write_tiff(tmp_path / "a.tif", LABELS.T, metadata=None)
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for page in file.pages:
+            for tag in ("ImageWidth", "ImageLength"):
+                page.tags[tag].overwrite(2_000_000)
+    with pytest.raises(ValueError, match=r"a\.tif says that it holds 3\.2e\+04 GB"):
+        read_labels(path, spacing=1)
 
 
 def test_netcdf_dimensions_in_part(tmp_path: Path) -> None:

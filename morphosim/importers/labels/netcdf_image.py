@@ -21,6 +21,8 @@ from morphosim.importers.labels.image_axes import (
 )
 
 TIME_NAMES = ("t", "time")
+CLASSIC = (b"CDF\x01", b"CDF\x02")
+"""How files of netCDF's classic formats begin."""
 PACKED = 1e-3
 """Values that are packed as floats are this near to the whole numbers that they stand for."""
 
@@ -32,6 +34,7 @@ def read_netcdf(path: Path, wanted: Wanted) -> Found:
     def open_plainly() -> Any:
         return xr.open_dataset(path, decode_times=False)
 
+    _check_whole(path)
     with warnings.catch_warnings(), guarded(path, open_plainly) as data:
         warnings.simplefilter("ignore", xr.SerializationWarning)  # of several fill values
         variable = data[_chosen(path, data, wanted.key)]
@@ -51,6 +54,24 @@ def read_netcdf(path: Path, wanted: Wanted) -> Found:
         return {k: _places(where, values, dim)[which] for k, (dim, values) in coordinates.items()}
 
     return Found(labels=labels, letters=left, steps=lambda: places(1), first=lambda: places(0))
+
+
+def _check_whole(path: Path) -> None:
+    """Raise ValueError if variables of a classic file lie beyond its end: they would read as 0.
+
+    Those of netCDF-4 are checked by its library.
+    """
+    with path.open("rb") as file:
+        if file.read(4) not in CLASSIC:
+            return
+    from scipy.io import netcdf_file
+
+    try:
+        with netcdf_file(path, mmap=True):
+            pass
+    except Exception as error:  # it raises what it stumbles over
+        message = f"{path} is cut short, or damaged: it ends at byte {path.stat().st_size}, and "
+        raise ValueError(message + "its header says that there is more") from error
 
 
 def _chosen(path: Path, data: Any, key: str | None) -> str:
