@@ -20,6 +20,7 @@ from morphosim import (
     MaskWalls,
     Numerics,
     Physics,
+    Removal,
     Scene,
     Simulation,
     Sphere,
@@ -137,6 +138,11 @@ def test_a_cell_needs_a_positive_volume_and_tension(name: str, value: Any) -> No
 @pytest.mark.parametrize("name", ["", 3, None])
 def test_a_cell_needs_a_name(name: Any) -> None:
     fails(lambda: ball(name), f"cell name = {name!r}", "not empty")
+
+
+def test_the_parts_of_a_shape_are_asked_for() -> None:
+    fails(lambda: ball(shape=BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1))), "it has no volume")
+    fails(lambda: Scene.from_points(["a"], [ORIGIN], [9.0], "box"), "confinement = 'box'")
 
 
 def test_a_cell_needs_a_shape() -> None:
@@ -724,6 +730,10 @@ def test_the_table_of_an_array_is_checked(table: dict) -> None:
         (lambda s: s.divide("a", ("b", "c"), axis=(1, 0, 0), types=(1, 2)), ("type = 1",)),
         (lambda s: s.remove("a"), ("cells = 'a'", "list of texts")),
         (lambda s: s.remove([3]), ("cells[0] = 3",)),
+        (lambda s: Removal(rule=lambda _: "a").apply(s), ("rule gives = 'a'", "list of texts")),
+        (lambda s: Removal(rule=lambda _: None).apply(s), ("rule gives = None", "list of texts")),
+        (lambda s: s.step(1.5), ("steps = 1.5", "whole number")),
+        (lambda s: s.step(-1), ("steps = -1", ">= 0")),
         (lambda s: s.change_cells("a", gamma=1.0), ("cells = 'a'", "list of texts")),
         (lambda s: s.change_cells(["a"], type=3), ("cell 'a': type = 3",)),
         (lambda s: s.change_cells(["a"], volume=True), ("volume = True",)),

@@ -78,9 +78,10 @@ class Cell:
 
     def __post_init__(self) -> None:
         _validate.label("cell name", self.name)
-        if not callable(getattr(self.shape, "bounds", None)):
-            message = f"cell {self.name!r}: shape = {_validate.brief(self.shape)} is not a shape"
-            raise TypeError(message)
+        missing = [part for part in shape_parts(self.shape) if not hasattr(self.shape, part)]
+        if missing:
+            message = f"cell {self.name!r}: shape = {_validate.brief(self.shape)} is not a shape: "
+            raise TypeError(f"{message}it has no {missing[0]}")
         values = {name: getattr(self, name) for name in ("type", "parent", "frozen", "gamma")}
         check_values(self.name, values | ({} if self.volume is None else {"volume": self.volume}))
         self.target_volume(0.0)
@@ -88,6 +89,12 @@ class Cell:
     def target_volume(self, time: float) -> float:
         """V(t) in µm³; raises ValueError if it is not positive and finite."""
         return volume_at(self.name, self.shape.volume if self.volume is None else self.volume, time)
+
+
+def shape_parts(shape: Any) -> tuple[str, ...]:
+    """What a shape has; a phase field as it is has its values in place of a depth."""
+    own = ("values",) if isinstance(shape, Field) else ("depth", "exact")
+    return ("bounds", "volume", *own)
 
 
 def volume_at(name: str, volume: float | VolumeFunction, time: float) -> float:

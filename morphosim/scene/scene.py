@@ -78,11 +78,7 @@ class Scene:
             raise ValueError(message)
         _validate.instance("scene.physics", self.physics, Physics)
         _validate.instance("scene.numerics", self.numerics, Numerics)
-        needed = ("field", "depth", "bounds")
-        if self.confinement is not None and not all(hasattr(self.confinement, n) for n in needed):
-            message = f"scene.confinement = {_validate.brief(self.confinement)} is not a "
-            message += "confinement (with field, depth and bounds), nor None"
-            raise TypeError(message)
+        _check_confinement("scene.confinement", self.confinement)
         _validate.label("scene.name", self.name, empty=True)
         _validate.text("scene.description", self.description)
         _validate.unique("cell name", self.names)
@@ -249,6 +245,14 @@ class Scene:
         return replace(self, physics=replace(self.physics, **changes))
 
 
+def _check_confinement(name: str, value: Any) -> None:
+    """Raise TypeError unless a value is a confinement, or None for open space."""
+    if value is not None and not all(hasattr(value, part) for part in ("field", "depth", "bounds")):
+        message = f"{name} = {_validate.brief(value)} is not a confinement (with field, depth and "
+        message += "bounds), nor None"
+        raise TypeError(message)
+
+
 def power_cells(
     names: Sequence[str],
     positions: ArrayLike,
@@ -259,6 +263,7 @@ def power_cells(
     from morphosim.geometry.power_partition import power_partition
 
     names = _validate.labels("names", names)
+    _check_confinement("confinement", confinement)
     points = _validate.array("positions", positions, (len(names), 3))
     wanted = _validate.array("volumes", volumes, (len(names),))
     partition = power_partition(points, wanted, confinement)

@@ -88,8 +88,6 @@ class Simulation(State):
         scene = self.scene
         for physics in scene.courses:  # what stages do is rehearsed by that
             check_columns(physics)
-        if state is None:
-            check_size(scene)
         self._stages = StageRunner(scene.stages)
         self._volumes = VolumeFunctions(
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
@@ -110,6 +108,7 @@ class Simulation(State):
 
     def _start(self) -> None:
         """Begin with the cells of the scene."""
+        check_size(self.scene)
         cells = self.scene.cells
         self.engine.start(cell_columns(cells), self.scene.types, start_fields(self.scene, cells))
         self._used = used_names(self.engine.everyone)
@@ -215,6 +214,7 @@ class Simulation(State):
         CellVanishedError
             A cell is below 1/2 everywhere and `Scene.on_vanish` is "stop", or it was the last.
         """
+        _validate.integer("steps", steps, least=0)
         with self.engine.limited_threads():
             for _ in range(steps):
                 self._step()

@@ -48,7 +48,9 @@ class Removal:
 
     def apply(self, simulation: Target) -> None:
         """Take the cells out."""
-        picked = () if self.rule is None else self.rule(simulation)
+        picked: Sequence[str] = ()
+        if self.rule is not None:
+            picked = _validate.labels("removal: names that the rule gives", self.rule(simulation))
         simulation.remove(dict.fromkeys([*self.cells, *picked, *self._beyond(simulation)]))
         if self.isolated:
             simulation.remove(_apart(simulation))
