@@ -148,7 +148,7 @@ def test_the_entry_point_is_installed() -> None:
         (["--set", "stages=" + "[" * 3000], "stages = '[[["),
         (["--set", "duration=" + "9" * 5000], "scene.duration = '9999"),
         (["--set", "duration=1\ncells=[]"], "scene.duration = '1\\ncells=[]' is not a number"),
-        (["--set", f"cells.{'9' * 5000}.name=b"], "in a list of 1"),
+        (["--set", f"cells.{'9' * 5000}.name=b"], "key of a value to set = 'cells.9999"),
         (["--set", "cells.0.name=\x1b[31mred"], r"'\x1b[31mred' has a control character"),
         (["--set", "physics.sigma.types=[[[], {}, 1]]"], "sigma.types: [[], {}, 1]; expected"),
     ],
