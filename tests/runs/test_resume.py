@@ -124,8 +124,9 @@ def test_removed_cells_and_stage_are_remembered(tmp_path: Path) -> None:
 def test_what_a_killed_process_leaves_is_cleared_away(tmp_path: Path) -> None:
     chosen = scene()
     run(chosen, tmp_path, until=20)
-    for name in ("save-000002.nc.partial", "restart-000002.npz.partial"):
-        (tmp_path / name).write_bytes(b"half")
+    for number in (2, 7):  # what is written again, and what is not
+        (tmp_path / f"save-00000{number}.nc.partial").write_bytes(b"half")
+        (tmp_path / f"restart-00000{number}.npz.partial").write_bytes(b"half")
     again = Simulation.from_run(tmp_path)
     again.run(until=40, observers=[RunWriter(tmp_path, 20, resume=True)])
     names = {p.name for p in tmp_path.iterdir()}
@@ -461,6 +462,22 @@ def test_a_branch_has_the_cells_as_they_were(tmp_path: Path) -> None:
     branch.step(10)
     assert branch.targets[0] == 600
     assert branch.physics.attraction.types == {("x", "x"): 0.5}
+
+
+def test_a_branch_has_the_volumes_and_physics_that_events_have_made(tmp_path: Path) -> None:
+    change = CellChange(cells=["a"], values={"volume": 140.0})  # its course is over
+    chosen = scene(
+        stages=[
+            Stage(name="one", end=Duration(20)),
+            Stage(name="two", end=Duration(20), events=[change], physics={"g": 2.0}),
+        ],
+    )  # fmt: skip
+    run(chosen, tmp_path)
+    early, late = (Simulation.from_run(tmp_path, time=time) for time in (0, 40))
+    assert (early.physics.g, early.targets[0]) == (1.6, 113)
+    assert (late.physics.g, late.targets[0]) == (2.0, 140)
+    late.step(5)
+    assert late.targets[0] == 140
 
 
 def test_a_branch_on_another_lattice(tmp_path: Path) -> None:
