@@ -134,7 +134,8 @@ def measured(folder: Path, figures: Sequence[Figure]) -> "xr.Dataset":
     import xarray as xr
 
     with open_run(folder) as run:
-        found = {figure.name: figure.of(run) for figure in figures}
+        # types now and over time, as coordinates, are not in one table
+        found = {figure.name: figure.of(run).reset_coords(drop=True) for figure in figures}
         end = run["time"].isel(time=-1, drop=True).load()
         end.attrs = {"units": "1", "long_name": "in silico time of the member's end"}
         return xr.Dataset(found | {"end_time": end.drop_vars("time", errors="ignore")})

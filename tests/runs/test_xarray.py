@@ -27,6 +27,8 @@ from morphosim import (
 from morphosim.measure.variable import Variable
 from morphosim.runs.netcdf_variables import write_texts
 from morphosim.runs.pack import pack
+from morphosim.sweeps.figures import make_figures
+from morphosim.sweeps.members import measured
 
 PARENTS = {"P0": "", "Z": "", "B": "P0", "A": "P0", "Aa": "A", "Ap": "A"}
 LINE = {"combine": "nested", "concat_dim": "time", "join": "outer"}
@@ -231,6 +233,14 @@ def test_the_accessor_says_what_the_run_is(run: xr.Dataset) -> None:
     assert "<script>" not in hostile.morpho._repr_html_()
     for part in (run.isel(time=0), run.isel(time=[]), run.sel(cell=["Z"]), xr.Dataset()):
         assert repr(part.morpho).startswith("Run")
+
+
+def test_a_scan_takes_values_of_the_end_and_of_all_times_together(directory: Path) -> None:
+    table = measured(directory, make_figures(["volume", "sphericity(time)", "type"]))
+    assert set(table.coords) == {"time", "cell"}
+    assert table["volume"].dropna("cell")["cell"].values.tolist() == ["Aa", "Ap", "B"]
+    assert table["type"].sel(cell="B").item() == "germ"
+    assert table.sizes == {"time": 9, "cell": 6}
 
 
 def test_variables_of_a_run_are_plotted(run: xr.Dataset) -> None:
