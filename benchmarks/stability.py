@@ -1,7 +1,8 @@
 """The stability map: smallest stable S, stretch of time, and the limits of every parameter.
 
 Run as `python benchmarks/stability.py` (about half an hour). Writes stability.nc, stability.md and
-stability.png into the output folder.
+stability.png into the output folder. With `--random 60` it runs that many scenes of random, extreme
+numbers through the command line instead, and counts how they end.
 
 A run is stable if it takes all its steps, ends with sound fields (-0.3 < φ < 1.5) and does not
 flip from step to step. The parts:
@@ -14,8 +15,13 @@ flip from step to step. The parts:
 """
 
 import argparse
+import random
+import subprocess
+import sys
+import tempfile
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -303,12 +309,38 @@ def extremes_dataset(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
     })  # fmt: skip
 
 
+def random_ends(count: int) -> Counter[str]:
+    """How runs of random extreme scenes end; each that ends wrongly is printed."""
+    sys.path.append(str(Path(__file__).parents[1]))
+    from tests.extremes import outcome, random_scene
+
+    command = str(Path(sys.executable).with_name("morphosim"))
+
+    def call(words: list[str]) -> tuple[int, str]:
+        done = subprocess.run([command, *words], capture_output=True, text=True, check=False)
+        return done.returncode, done.stderr
+
+    ends: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(count):
+            end = outcome(random_scene(random.Random(seed)), Path(folder) / "scene", call)
+            ends[end.partition(",")[0].partition(":")[0]] += 1
+            if end.startswith("WRONG"):
+                print(f"seed {seed}: {end}", flush=True)
+    return ends
+
+
 def main() -> None:
     """Measure and write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/stability"))
     parser.add_argument("--table", action="store_true", help="only redraw tables and pictures")
+    parser.add_argument("--random", type=int, default=0, help="random extreme scenes to run alone")
     options = parser.parse_args()
+    if options.random:
+        ends = random_ends(options.random)
+        print(", ".join(f"{n} {end}" for end, n in ends.most_common()))
+        sys.exit("WRONG" in ends)
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / "stability.nc"
     if not options.table:
@@ -325,8 +357,8 @@ def main() -> None:
         text = markdown(data)
         (options.output / "stability.md").write_text(text, encoding="utf-8")
         print(text)
-        ends = dict(zip(*np.unique(data["extreme_outcome"], return_counts=True), strict=True))
-        print("extremes end:", ", ".join(f"{n} {end}" for end, n in ends.items()))
+        found = dict(zip(*np.unique(data["extreme_outcome"], return_counts=True), strict=True))
+        print("extremes end:", ", ".join(f"{n} {end}" for end, n in found.items()))
         stability_picture(data, options.output / "stability.png")
         limits_picture(data, options.output / "limits.png")
 

@@ -396,3 +396,27 @@ def test_an_end_that_needs_no_speeds_measures_none(monkeypatch: pytest.MonkeyPat
     assert simulation.stages_ended == 2
     with pytest.raises(AssertionError):
         Simulation(scene(Stage(name="q", end=Steady()))).run(until=12)
+
+
+class Once:
+    """Rule that does something once, at a time."""
+
+    def __init__(self, time: float, event: Any) -> None:
+        self.time, self.event = time, event
+
+    def apply(self, simulation: Any) -> None:
+        if simulation.time == self.time:
+            self.event.apply(simulation)
+
+
+def test_cells_that_are_all_new_have_no_speed() -> None:
+    divides = Once(12.0, Division(cell="a", daughters=("b", "c"), axis=(1, 0, 0)))
+    stage = Stage(name="s", end=Steady(1e-9), rules=[divides], rules_every=2.0, limit=40.0)
+    cell = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=5))
+    simulation = Simulation(
+        Scene(cells=[cell], stages=[stage], duration=30.0, numerics=Numerics(threads=1))
+    )
+    simulation.run()
+    assert simulation.names == ["b", "c"]
+    speeds = simulation._stages.speeds  # at t = 10, 20 and 30
+    assert np.isfinite(speeds).tolist() == [True, False, True]
