@@ -1,6 +1,6 @@
 """From the files of all saves to one Dataset."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ MOST_IN_MATRIX = 1 << 27
 """Numbers of a run's matrix of contacts (512 MB); beyond, contacts are a list."""
 NEEDED = ("time", "step", "cell", "parent", "axis", "principal", "volume")
 """Variables without which a file is no save."""
+NEEDED_ATTRIBUTES = ("title", "source", "spacing_um", "error", "duration")
 Table = dict[str, NDArray[Any]]
 
 
@@ -61,10 +62,7 @@ class Save:
     def read(cls, path: Path) -> "Save":
         """Read a save; ValueError that names the file if it is damaged, or no save."""
         save = guarded(path, lambda: cls._read(path))
-        lacking = [name for name in NEEDED if name not in save.table]
-        if lacking:
-            message = f"{path} is no save of a run: it has no variable {lacking[0]!r}"
-            raise ValueError(message)
+        check_complete(path, "save of a run", save.table, save.attributes)
         return save
 
     @classmethod
@@ -114,6 +112,17 @@ class Save:
     def run_id(self) -> str:
         """Which run it is of; "" in saves of version 0.1."""
         return str(self.attributes.get("run_id", ""))
+
+
+def check_complete(
+    path: Path, what: str, variables: Container[Any], attributes: Container[Any]
+) -> None:
+    """Raise ValueError if a file lacks what every run has."""
+    lacking = [f"variable {name!r}" for name in NEEDED if name not in variables]
+    lacking += [f"attribute {name!r}" for name in NEEDED_ATTRIBUTES if name not in attributes]
+    if lacking:
+        message = f"{path} is no {what}: it has no {lacking[0]}"
+        raise ValueError(message)
 
 
 def _values(group: Any) -> Table:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from morphosim._files import guarded
 from morphosim.errors import DamageWarning
 from morphosim.runs.directory import RunDirectory
-from morphosim.runs.merge import LAZY, NEEDED, Save, merged, with_coordinates
+from morphosim.runs.merge import LAZY, Save, check_complete, merged, with_coordinates
 from morphosim.runs.netcdf_variables import PACKED_PHI
 from morphosim.runs.save_facts import most_common
 
@@ -49,11 +49,11 @@ def read_run(path: str | Path) -> "xr.Dataset":
 def _packed(path: Path) -> "xr.Dataset":
     """Dataset of a packed file, of whatever version, in the form of `merged`."""
     file = guarded(path, lambda: _opened(path))
-    lacking = [name for name in NEEDED if name not in file.variables]
-    if lacking:
+    try:
+        check_complete(path, "packed run", file.variables, file.attrs)
+    except ValueError:
         file.close()
-        message = f"{path} is no packed run: it has no variable {lacking[0]!r}"
-        raise ValueError(message)
+        raise
     run = with_coordinates(file)
     run.set_close(file.close)
     if "phi" in run and run["phi"].encoding["dtype"] == PACKED_PHI["dtype"]:
