@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from morphosim import _validate
 from morphosim._extras import need
-from morphosim._files import filling
+from morphosim._files import PARTIAL, filling
 from morphosim.exports.formats import FORMATS
 from morphosim.progress import Tell, silent
 
@@ -75,7 +75,8 @@ def _check_empty(directory: Path, overwrite: bool) -> None:
     if directory.exists() and not directory.is_dir():
         message = f"{directory} is a file, not a directory; choose another for the export"
         raise FileExistsError(message)
-    if directory.exists() and not overwrite and any(directory.iterdir()):
+    held = [p for p in directory.iterdir() if p.name != PARTIAL] if directory.exists() else []
+    if held and not overwrite:
         message = (
             f"{directory} is not an empty directory; choose another for the export, or replace "
             "files there by --overwrite (overwrite=True)"

@@ -1,6 +1,7 @@
 """The shell of a run as a mesh, so that it is drawn without the code that its scene may name."""
 
 import logging
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -49,12 +50,16 @@ def read_shell(source: Path) -> Mesh | None:
     """
     file = source / SHELL if source.is_dir() else source
     read = _of_directory if source.is_dir() else _of_packed
-    return guarded(file, lambda: read(file)) if file.is_file() else None
+    return guarded(file, lambda: _checked(read(file))) if file.is_file() else None
 
 
 def pack_shell(directory: Path, file: Any) -> None:
-    """Copy the mesh of a run directory to a netCDF file that is open."""
-    mesh = read_shell(directory)
+    """Copy the mesh of a run directory to a netCDF file that is open; warns if it is damaged."""
+    try:
+        mesh = read_shell(directory)
+    except ValueError as error:
+        warnings.warn(f"the packed run will have no shell: {error}", stacklevel=2)
+        return
     if mesh is None:
         return
     group = file.createGroup(GROUP)
@@ -63,6 +68,24 @@ def pack_shell(directory: Path, file: Any) -> None:
         for dimension, size in zip(dims, values.shape, strict=True):
             group.createDimension(dimension, size)
         group.createVariable(name, kind, dims, zlib=True, complevel=1)[:] = values
+
+
+def _checked(mesh: Mesh | None) -> Mesh | None:
+    """Mesh that can be drawn: VTK crashes on one whose triangles have corners that are not there."""
+    if mesh is None:
+        return None
+    vertices, faces = mesh
+    sound = (
+        (vertices.dtype.kind, faces.dtype.kind) == ("f", "i")
+        and vertices.shape[1:] == faces.shape[1:] == (3,)
+        and bool(np.isfinite(vertices).all())
+        and bool(((faces >= 0) & (faces < len(vertices))).all())
+        and len(faces) > 0
+    )
+    if not sound:
+        message = "its arrays are no triangle mesh"
+        raise ValueError(message)
+    return mesh
 
 
 def _of_directory(path: Path) -> Mesh:

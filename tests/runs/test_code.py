@@ -144,6 +144,29 @@ def test_a_run_without_its_shell_is_drawn_without_and_says_so(
     assert MODULE not in sys.modules
 
 
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"vertices": np.zeros((3, 3), "f4"), "faces": np.array([[0, 1, 3]], "i4")},
+        {"vertices": np.full((3, 3), np.nan, "f4"), "faces": np.array([[0, 1, 2]], "i4")},
+        {"vertices": np.zeros((3, 2), "f4"), "faces": np.array([[0, 1, 2]], "i4")},
+        {"vertices": np.array([{}], object), "faces": np.array([[0, 1, 2]], "i4")},
+        {},
+    ],
+)
+def test_a_shell_that_is_no_mesh_is_not_drawn(
+    arrays: dict[str, np.ndarray], made: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(made / "run", tmp_path / "run")
+    np.savez(tmp_path / "run" / "shell.npz", **arrays)  # type: ignore[arg-type]
+    with open_run(tmp_path / "run") as run, pytest.warns(UserWarning, match=r"shell\.npz"):
+        assert run_confinement(run) is None
+    with pytest.warns(UserWarning, match=r"will have no shell: .*shell\.npz"):
+        pack(tmp_path / "run", tmp_path / "packed.nc")
+    with open_run(tmp_path / "packed.nc") as run, pytest.warns(UserWarning, match="names code"):
+        assert run_confinement(run) is None
+
+
 def saved(walls: object, folder: Path) -> Path:
     """Run of one cell within walls, of its start alone."""
     cell = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=3))
