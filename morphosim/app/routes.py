@@ -57,19 +57,14 @@ def _guard(access: Access) -> Middleware:
 
     @web.middleware
     async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-        wrong = malformed(request.headers, request.path)
-        if (
-            not wrong
-            and request.path == SOCKET
-            and not web.WebSocketResponse().can_prepare(request)
-        ):
-            wrong = f"{SOCKET} takes websockets only"
-        if wrong:
+        if wrong := malformed(request.headers, request.path):
             return web.Response(status=400, text=wrong)
         cookie = f"morphosim-{request.url.port}"  # browsers share cookies between ports
         refusal = access.refusal(request.headers, request.query, request.cookies.get(cookie))
         if refusal:
             return web.Response(status=403, text=refusal)
+        if request.path == SOCKET and not web.WebSocketResponse().can_prepare(request):
+            return web.Response(status=400, text=f"{SOCKET} takes websockets only")
         try:
             response = await handler(request)
         except web.HTTPException as error:  # redirections too are answers
