@@ -540,6 +540,13 @@ def test_cells_keep_their_size(shape: Any, sigma: float, confinement: str | None
     np.testing.assert_allclose(sizes, measured, rtol=5e-3)
 
 
+def test_settling_is_told() -> None:
+    told: list[tuple[int, int]] = []
+    import_labels(blocks(*TWO), tell=lambda *rounds: told.append(rounds))
+    assert told[0] == (1, 20)
+    assert told[-1] == (20, 20)
+
+
 def test_volumes_of_the_table_and_of_free_cells_are_not_changed(tmp_path: Path) -> None:
     path = tmp_path / "cells.csv"
     path.write_text("label,volume\n3,70\n", encoding="utf-8")

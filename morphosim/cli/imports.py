@@ -93,6 +93,7 @@ def import_labels(
             labels, names=table, frozen=_names(frozen), active=_names(active) if active else None,
             confinement="image" if shell else None, physics=Physics(sigma=sigma), volumes=volumes,
             least_voxels=least_voxels, background=background, name=image.name.partition(".")[0],
+            tell=lambda done, of: tell("settling", done, of),
         )  # fmt: skip
         if relax:
             scene = relaxed(scene, relax, lambda done, of: tell("relaxing", done, of))

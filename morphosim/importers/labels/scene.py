@@ -23,6 +23,7 @@ from morphosim.importers.labels.target_volumes import (
 )
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
+from morphosim.progress import Tell, silent
 from morphosim.scene.cell import Cell
 from morphosim.scene.scene import Scene
 from morphosim.scene.stability import stabilised
@@ -59,6 +60,7 @@ def import_labels(
     least_voxels: int | None = None,
     background: int = 0,
     name: str | None = None,
+    tell: Tell = silent,
 ) -> Scene:
     """Scene from a label image: each label is a cell, 0 is background.
 
@@ -99,6 +101,9 @@ def import_labels(
         A label that is the background too, besides 0.
     name : str, optional
         Name of the scene; by default the file name, or "scene".
+    tell : callable
+        Told now and then how far cells have settled, where `volumes` is "surface": how many rounds
+        are done, and how many there are at most.
 
     Returns
     -------
@@ -147,7 +152,7 @@ def import_labels(
         for piece, said in zip(pieces, about, strict=True)
         if "volume" not in said
     }
-    return settled_targets(scene, enclosed)
+    return settled_targets(scene, enclosed, tell)
 
 
 def _cells(

@@ -19,6 +19,7 @@ from morphosim.errors import SimulationError
 from morphosim.importers.labels.label_image import SegmentationWarning
 from morphosim.measure.surfaces import cell_surface
 from morphosim.physics.parameters import Physics
+from morphosim.progress import Tell, silent
 from morphosim.scene.cell import Cell
 from morphosim.scene.scene import Scene
 from morphosim.scene.stability import StabilityWarning
@@ -55,7 +56,7 @@ def _radius(volume: float) -> float:
     return float((3 * volume / (4 * math.pi)) ** (1 / 3))
 
 
-def settled_targets(scene: Scene, enclosed: Mapping[str, float]) -> Scene:
+def settled_targets(scene: Scene, enclosed: Mapping[str, float], tell: Tell = silent) -> Scene:
     """Copy of a scene whose target volumes are those at which cells enclose what is wanted.
 
     All cells are stepped for this, without the scene's stages.
@@ -65,6 +66,8 @@ def settled_targets(scene: Scene, enclosed: Mapping[str, float]) -> Scene:
     scene : Scene
     enclosed : volume within the surface φ = 1/2, µm³, by name of the cell
         The targets of other cells stay.
+    tell : callable
+        Told after each correction how many are done, and how many there are at most.
 
     Warns
     -----
@@ -76,7 +79,7 @@ def settled_targets(scene: Scene, enclosed: Mapping[str, float]) -> Scene:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StabilityWarning)  # told when the scene is run
             simulation = Simulation(replace(scene, cells=free, stages=(), on_vanish="stop"))
-        targets = _settle(simulation, enclosed)
+        targets = _settle(simulation, enclosed, tell)
     except SimulationError as error:
         message = f"cells may not keep their sizes: the scene fails while they settle: {error}"
         warnings.warn(message, SegmentationWarning, stacklevel=3)
@@ -84,7 +87,7 @@ def settled_targets(scene: Scene, enclosed: Mapping[str, float]) -> Scene:
     return replace(scene, cells=[_with_target(cell, targets) for cell in scene.cells])
 
 
-def _settle(simulation: Simulation, enclosed: Mapping[str, float]) -> dict[str, float]:
+def _settle(simulation: Simulation, enclosed: Mapping[str, float], tell: Tell) -> dict[str, float]:
     """Run until the cells enclose what is wanted; their targets."""
     numerics, targets = simulation.scene.numerics, simulation.engine.cells["target"]
     wanted = np.array([enclosed.get(name, np.nan) for name in simulation.names])
@@ -93,7 +96,9 @@ def _settle(simulation: Simulation, enclosed: Mapping[str, float]) -> dict[str, 
         sizes = [cell_surface(field, numerics.spacing).volume for field in simulation.fields]
         ratio = np.where(np.isnan(wanted), 1.0, wanted / np.maximum(sizes, 0.5 * wanted))
         targets *= ratio**CORRECTION
-        if count >= LEAST_ROUNDS and np.abs(ratio - 1).max() < SETTLED:
+        settled = count >= LEAST_ROUNDS and np.abs(ratio - 1).max() < SETTLED
+        tell(MOST_ROUNDS if settled else count, MOST_ROUNDS)
+        if settled:
             break
     return {name: float(v) for name, v in zip(simulation.names, targets, strict=True)}
 
