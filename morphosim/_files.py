@@ -44,7 +44,10 @@ def writable(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
 
 
 def check_free(path: Path, overwrite: bool = False) -> None:
-    """Raise FileExistsError if there is something at a path to write, unless `overwrite`."""
+    """Raise FileExistsError if there is something at a file's path, unless `overwrite`."""
+    if path.is_dir():
+        message = f"{path} is a directory; give the name of a file"
+        raise FileExistsError(message)
     if not overwrite and (path.exists() or path.is_symlink()):
         message = f"{path} exists; give another name, or replace it by --overwrite (overwrite=True)"
         raise FileExistsError(message)

@@ -313,6 +313,8 @@ def test_files_that_exist_are_replaced_only_if_asked(folder: Path, call: Call) -
         assert "--overwrite" in err
         assert err.count("\n") == 1
         assert content(folder) == before
+    assert "run is a directory" in call("pack", "run", "run", "--overwrite")[2]
+    assert content(folder) == before
     for words in (commands[2], commands[3], *commands[6:]):
         assert call(*words, "--overwrite")[0] == 0, words
     replaced = {
