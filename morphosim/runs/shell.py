@@ -71,7 +71,7 @@ def pack_shell(directory: Path, file: Any) -> None:
 
 
 def _checked(mesh: Mesh | None) -> Mesh | None:
-    """Mesh that can be drawn: VTK crashes on one whose triangles have corners that are not there."""
+    """Mesh that can be drawn: VTK crashes where triangles have corners that are not there."""
     if mesh is None:
         return None
     vertices, faces = mesh
