@@ -178,6 +178,16 @@ def test_what_may_go_well_is_not_refused(stages: list[Stage]) -> None:
     scene(*stages).rehearsed()
 
 
+def test_a_type_may_come_by_an_event_that_does_not_tell() -> None:
+    marking = Differentiation(of="x", touching="new", into="z")
+    scene(stage(rules=[marking, Split()], limit=50.0)).rehearsed()
+
+
+def test_a_target_volume_tells_nothing_where_no_volume_is_kept() -> None:
+    small = Division(cell="m", daughters=("a", "b"), axis=(1, 0, 0), fraction=0.003)
+    scene(stage(events=[small]), physics=Physics(volume_constraint="none")).rehearsed()
+
+
 def test_all_built_in_scenes_go_through() -> None:
     for name in scene_names():
         built_in_scene(name).rehearsed()

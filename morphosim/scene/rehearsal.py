@@ -45,6 +45,8 @@ class Rehearsal:
     gone : mapping from name to what has become of a cell that lives no more
     surprised : bool
         Whether an event has passed that does not tell what it does.
+    silent : bool
+        Whether there is such an event in any stage.
     courses : list of Physics
         All that has held so far.
     tensions : list of float
@@ -60,6 +62,7 @@ class Rehearsal:
     time: float | None = 0.0
     gone: dict[str, str] = field(default_factory=dict)
     surprised: bool = False
+    silent: bool = False
     courses: list[Physics] = field(init=False)
     tensions: list[float] = field(init=False, default_factory=list)
 
@@ -127,7 +130,7 @@ class Rehearsal:
 
     def check_type(self, name: str, kind: str) -> None:
         """Raise ValueError if no cell can ever have this type."""
-        if not self.surprised:
+        if not self.silent:
             _validate.choice(name, kind, self.possible_types)
 
     def surprise(self, event: Event) -> None:
@@ -147,6 +150,8 @@ class Rehearsal:
 
     def _check_size(self, mother: str, name: str, volume: float | None) -> None:
         """Raise ValueError if the lattice cannot resolve a daughter's share of her mother."""
+        if not self.physics.volume_strength:  # then a target tells no volume
+            return
         least = least_volume(self.numerics.spacing)
         if volume is not None and volume < least / 2:  # she may have grown beyond her target
             message = (
@@ -183,6 +188,8 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
         What is wrong, with the stage and the event that would fail.
     """
     numerics = rehearsal.numerics
+    acts = [event for stage in stages for event in (*stage.events, *stage.rules)]
+    rehearsal.silent = not all(hasattr(event, "rehearse") for event in acts)
     for stage in stages:
         where = f"stage {stage.name!r}"
         _apply(rehearsal, stage.events, f"{where}: events")
