@@ -89,8 +89,8 @@ def scene_tables() -> list[dict[str, Any]]:
     return [staged, points, others]
 
 
-LABELS = np.zeros((20, 16, 14), np.uint16)
-LABELS[2:8, 3:11, 3:11], LABELS[10:17, 3:11, 3:11] = 3, 7
+LABELS = np.zeros((17, 10, 10), np.uint16)
+LABELS[2:8, 2:8, 2:8], LABELS[9:15, 2:8, 2:8] = 3, 7
 CELL_TABLE = b"label,name,type,parent,volume,gamma,frozen\n3,A,x,P,200,0.3,no\n7,B,y,P,,,true\n"
 LINEAGE = (
     b"name,parent,volume_um3,axis_x,axis_y,axis_z,group\n"

@@ -5,6 +5,7 @@ import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,22 +36,26 @@ class Reader:
 def command(*words: object) -> Callable[[], object]:
     """Call the command line with these words, in this process."""
 
-    def call() -> object:
-        from morphosim.cli import app
+    return lambda: _commands()([str(word) for word in words], standalone_mode=False)
 
-        return app([str(word) for word in words], standalone_mode=False)
 
-    return call
+@cache
+def _commands() -> Any:
+    import typer
+
+    from morphosim.cli import app
+
+    return typer.main.get_command(app)
 
 
 def begun(scene: Scene) -> None:
-    """All that is done with a scene before its first step, and one step if it is small."""
+    """All that is done with a scene before its first step; a small one is laid on its lattice."""
     points = 1.0
     for cell in scene.cells:
         low, high = cell.shape.bounds()
         points += float(np.prod((high - low) / scene.numerics.spacing + 20))
     if points < MOST_POINTS:
-        Simulation(scene).step()
+        Simulation(scene)
     else:
         scene.rehearsed()
 

@@ -1,6 +1,7 @@
 """A process that tries inputs, and is replaced if one kills it or takes too long."""
 
 import json
+import os
 import resource
 import select
 import shutil
@@ -12,8 +13,9 @@ from typing import Any
 
 from tests.malformed.outcome import Outcome
 
-LONGEST = 60.0
-"""Seconds after which an input counts as a hang."""
+ONE_THREAD = dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+LONGEST = 180.0
+"""Seconds after which an input counts as a hang; the first ones may compile kernels."""
 MEMORY = 6 << 30
 """Bytes of addresses that an input may take beyond what the process has when it is ready."""
 
@@ -45,7 +47,7 @@ class Workers:
         if self._process is None:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "tests.malformed.workers"], cwd=Path(__file__).parents[2],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                env=os.environ | ONE_THREAD, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
             )  # fmt: skip
             assert self._process.stdout is not None
             self._process.stdout.readline()
