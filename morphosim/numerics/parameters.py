@@ -36,7 +36,7 @@ class Numerics:
         Time step δt, *in silico* time.
     S : float
         Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
-        "euler". See `stability.least_S`: walls that are not resolved need 12 to 14 at δt = 2.
+        "euler". See `stability.least_S`: walls that are not resolved need 12 to 16 at δt = 2.
     scheme : {"bdf2", "imex1", "euler"}
         Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), or explicit Euler.
     start_S : float, optional

@@ -86,7 +86,7 @@ def import_labels(
         None is open space. "image" is a wall around all labels, gaps between them closed.
     physics, numerics : optional
         See `Scene`. The walls of confinement = "image" are stepped: the default S is then what
-        they need (14 with the default physics).
+        they need (13 to 16 with the default physics).
     volumes : {"surface", "ball", "voxels"}
         Target volume, where the table has none. "surface": that with which the surface φ = 1/2
         encloses the volume of the label's voxels once the cell has settled among its neighbours
