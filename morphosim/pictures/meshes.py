@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim._extras import need
-from morphosim._files import toml_of
 from morphosim.cell_field import CellField
 from morphosim.measure.surfaces import cell_surface
 from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
-from morphosim.runs.shell import read_shell
+from morphosim.runs.shell import read_shell, said_as_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -192,27 +191,10 @@ def run_confinement(run: "xr.Dataset") -> "Confinement | CellMesh | None":
     """
     source = Path(run.encoding.get("source", ""))
     file = source / SCENE_FILE
-    text = file.read_text("utf-8") if file.is_file() else run.attrs.get(SCENE_TEXT, "")
     try:
+        text = file.read_text("utf-8") if file.is_file() else run.attrs.get(SCENE_TEXT, "")
         mesh = read_shell(source)
-        return _said_as_data(text, source) if mesh is None else CellMesh(SHELL, "", *mesh)
-    except (FileNotFoundError, ValueError) as error:
+        return said_as_data(text, source) if mesh is None else CellMesh(SHELL, "", *mesh)
+    except (OSError, TypeError, ValueError) as error:
         warnings.warn(f"the shell is not drawn: {error}", stacklevel=2)
         return None
-
-
-def _said_as_data(text: str, folder: Path) -> "Confinement | None":
-    """Confinement of a scene file, if that says it without naming code."""
-    from morphosim.geometry.confinement import CONFINEMENTS
-    from morphosim.scene.file import confinement_of
-    from morphosim.scene.objects import names_code
-
-    table = toml_of(text, "the scene of the run")
-    if names_code(table.get("confinement"), CONFINEMENTS):
-        message = (
-            "the run does not hold its surface, and its scene names code, which reading a run does "
-            "not import"
-        )
-        raise ValueError(message)
-    confinement: Confinement | None = confinement_of(table, folder)
-    return confinement

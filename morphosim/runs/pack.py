@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from morphosim._files import check_free, replacing, writable
+from morphosim._files import check_free, read_text, replacing, writable
 from morphosim.measure.variable import Variable
 from morphosim.progress import Tell
 from morphosim.runs.directory import RunDirectory
@@ -54,9 +54,10 @@ def _write(run: "xr.Dataset", path: Path, files: RunDirectory, tell: Tell | None
     with netCDF4.Dataset(path, "w", format="NETCDF4") as file:
         file.setncatts(run.attrs)
         file.setncattr("coordinates", " ".join(str(n) for n in run.coords if n not in run.dims))
-        pack_shell(files.path, file)
-        if files.scene.exists():
-            file.setncattr("scene_toml", files.scene.read_text(encoding="utf-8"))
+        scene = read_text(files.scene) if files.scene.exists() else ""
+        pack_shell(files.path, scene, file)
+        if scene:
+            file.setncattr("scene_toml", scene)
         total, done = sum(variable.size for variable in run.variables.values()), 0
         for name, values in run.variables.items():
             for count in _copied(file, str(name), values):

@@ -8,13 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim._files import guarded, replacing
-from morphosim.geometry.confinement import BoxWalls, Confinement, EllipsoidShell
+from morphosim._files import guarded, replacing, toml_of
+from morphosim.geometry.confinement import (
+    CONFINEMENTS,
+    BoxWalls,
+    Confinement,
+    EllipsoidShell,
+    MaskWalls,
+)
 from morphosim.geometry.confinement.surface import wall_surface
 from morphosim.runs.directory import SHELL
+from morphosim.scene.file import confinement_of
+from morphosim.scene.objects import names_code
 
 GROUP = "shell"
 """Where a packed run keeps it."""
+DATA = (BoxWalls, EllipsoidShell, MaskWalls)
+"""Walls that a scene file says by numbers and images, not by code."""
 Mesh = tuple[NDArray[np.float32], NDArray[np.int32]]
 """Vertices (V, 3) in µm, and faces (F, 3)."""
 KINDS = {"vertices": "f4", "faces": "i4"}
@@ -23,13 +33,13 @@ _log = logging.getLogger(__name__)
 
 
 def write_shell(directory: Path, confinement: Confinement | None) -> None:
-    """Write the surface of a confinement, unless a few numbers of the scene file say it.
+    """Write the surface of a confinement, unless the scene file says it as data.
 
     One that has no surface is not drawn: a run does not end for a picture.
     """
     path = directory / SHELL
     path.unlink(missing_ok=True)
-    if confinement is None or isinstance(confinement, BoxWalls | EllipsoidShell):
+    if confinement is None or isinstance(confinement, DATA):
         return
     try:
         mesh = wall_surface(confinement)
@@ -53,11 +63,44 @@ def read_shell(source: Path) -> Mesh | None:
     return guarded(file, lambda: _checked(read(file))) if file.is_file() else None
 
 
-def pack_shell(directory: Path, file: Any) -> None:
-    """Copy the mesh of a run directory to a netCDF file that is open; warns if it is damaged."""
+def said_as_data(text: str, folder: Path) -> Confinement | None:
+    """Confinement that the text of a scene file says; None in open space.
+
+    Raises
+    ------
+    FileNotFoundError
+        An image is not in the folder.
+    ValueError
+        The text is damaged, or names code.
+    """
+    table = toml_of(text, "the scene of the run")
+    if names_code(table.get("confinement"), CONFINEMENTS):
+        message = (
+            "the run does not hold its surface, and its scene names code, which reading a run does "
+            "not import"
+        )
+        raise ValueError(message)
+    confinement: Confinement | None = confinement_of(table, folder)
+    return confinement
+
+
+def pack_shell(directory: Path, text: str, file: Any) -> None:
+    """Add the mesh of a run directory, or that of its image, to a netCDF file that is open.
+
+    Parameters
+    ----------
+    text : of the run's scene file
+
+    Warns
+    -----
+    UserWarning
+        It is not known.
+    """
     try:
         mesh = read_shell(directory)
-    except ValueError as error:
+        if mesh is None and isinstance(walls := said_as_data(text, directory), MaskWalls):
+            mesh = wall_surface(walls)
+    except (OSError, TypeError, ValueError) as error:
         warnings.warn(f"the packed run will have no shell: {error}", stacklevel=2)
         return
     if mesh is None:
@@ -71,7 +114,7 @@ def pack_shell(directory: Path, file: Any) -> None:
 
 
 def _checked(mesh: Mesh | None) -> Mesh | None:
-    """Mesh that can be drawn: VTK crashes where triangles have corners that are not there."""
+    """Mesh that can be drawn: VTK crashes if triangles have corners that are not there."""
     if mesh is None:
         return None
     vertices, faces = mesh

@@ -145,6 +145,26 @@ def test_a_run_without_its_shell_is_drawn_without_and_says_so(
 
 
 @pytest.mark.parametrize(
+    "scene",
+    [
+        b"confinement = 5",
+        b"[confinement]\nkind = 'ellipsoid'\ncenter = true",
+        b"[confinement]\nkind = 'mask'\ninside = 'scene.npz:none'",
+        b"[confinement",
+        b"\xff",
+    ],
+)
+def test_a_scene_file_that_is_damaged_costs_no_more_than_the_shell(
+    scene: bytes, made: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(made / "run", tmp_path / "run")
+    (tmp_path / "run" / "shell.npz").unlink()
+    (tmp_path / "run" / "scene.toml").write_bytes(scene)
+    with open_run(tmp_path / "run") as run, pytest.warns(UserWarning, match="is not drawn"):
+        assert run_confinement(run) is None
+
+
+@pytest.mark.parametrize(
     "arrays",
     [
         {"vertices": np.zeros((3, 3), "f4"), "faces": np.array([[0, 1, 3]], "i4")},
@@ -198,12 +218,22 @@ def ball() -> EllipsoidShell:
     return EllipsoidShell(center=(0, 0, 0), semi_axes=(9, 9, 9))
 
 
-@pytest.mark.parametrize(("walls", "kept"), [(cube, True), (NoDepth, False), (ball, False)])
-def test_what_numbers_do_not_say_is_kept_as_a_mesh(
-    walls: Callable[[], object], kept: bool, tmp_path: Path
+@pytest.mark.parametrize("walls", [cube, NoDepth, ball])
+def test_what_is_data_or_has_no_surface_is_not_kept_as_a_mesh(
+    walls: Callable[[], object], tmp_path: Path
 ) -> None:
     run = saved(walls(), tmp_path / "run")
-    assert (run / "shell.npz").exists() == kept
+    assert not (run / "shell.npz").exists()
+
+
+def test_walls_that_are_an_image_are_packed_as_a_mesh(tmp_path: Path) -> None:
+    run = saved(cube(), tmp_path / "run")
+    pack(run, tmp_path / "packed.nc")
+    shutil.rmtree(run)
+    with open_run(tmp_path / "packed.nc") as data:
+        found = run_confinement(data)
+    assert isinstance(found, CellMesh)
+    np.testing.assert_array_equal(found.vertices, shell_mesh(cube()).vertices)
 
 
 def test_walls_that_no_file_can_say_are_drawn(tmp_path: Path) -> None:
