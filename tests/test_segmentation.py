@@ -559,9 +559,11 @@ def test_volumes_of_the_table_and_of_free_cells_are_not_changed(tmp_path: Path) 
 
 
 def test_smoothing_suits_the_image() -> None:
-    assert import_labels(blocks(*TWO)).cells[0].shape.smoothing == 2
-    assert import_labels(photographed((0.5, 0.5, 1.5))).cells[0].shape.smoothing == 3
-    assert import_labels(blocks(*TWO), smoothing=0.0).cells[0].shape.smoothing == 0
+    assert import_labels(blocks(*TWO), volumes="ball").cells[0].shape.smoothing == 2
+    assert (
+        import_labels(photographed((0.5, 0.5, 1.5)), volumes="ball").cells[0].shape.smoothing == 3
+    )
+    assert import_labels(blocks(*TWO), smoothing=0.0, volumes="ball").cells[0].shape.smoothing == 0
 
 
 def test_an_image_without_background_or_without_cells() -> None:
@@ -655,7 +657,7 @@ NAMES = {3: "MS", 4: "E"}
     ],
 )
 def test_region_of_interest(options: dict, expected: list[bool]) -> None:
-    scene = import_labels(blocks(*TWO), names=NAMES, **options)
+    scene = import_labels(blocks(*TWO), names=NAMES, volumes="ball", **options)
     assert [cell.frozen for cell in scene.cells] == expected
 
 
@@ -683,8 +685,8 @@ def test_one_text_is_no_list_of_names() -> None:
 def test_cells_at_the_border() -> None:
     image = blocks((0, 6, 6), (14, 6, 12), (22, 6, 4))
     with pytest.warns(SegmentationWarning, match="may cut them off: MS, E. Freeze"):
-        import_labels(image, names=NAMES)
-    assert len(import_labels(image, frozen=[3, 4]).cells) == 3  # without a warning
+        import_labels(image, names=NAMES, volumes="ball")
+    assert len(import_labels(image, frozen=[3, 4], volumes="ball").cells) == 3  # without a warning
 
 
 def test_loose_voxels_are_left_out() -> None:
@@ -728,7 +730,7 @@ def test_walls_around_the_image() -> None:
         return left + 2 * right
 
     image = photographed((0.25, 0.25, 1.0), pair, reach=12.0)
-    walls = import_labels(image, confinement="image").confinement
+    walls = import_labels(image, confinement="image", volumes="ball").confinement
     assert isinstance(walls, MaskWalls)
     x = np.array([0.0, 11.4, 12.2, 6.0, 6.0, 0.0, 0.0])
     z = np.array([0.0, 0.0, 0.0, 5.0, 6.2, 2.0, 5.5])
