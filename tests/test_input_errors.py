@@ -730,6 +730,8 @@ def test_the_table_of_an_array_is_checked(table: dict) -> None:
         (lambda s: s.divide("a", ("b", "c"), axis=(1, 0, 0), types=(1, 2)), ("type = 1",)),
         (lambda s: s.remove("a"), ("cells = 'a'", "list of texts")),
         (lambda s: s.remove([3]), ("cells[0] = 3",)),
+        (lambda s: s.remove(3), ("cells = 3", "list of texts")),
+        (lambda s: s.divide("a", ("b", "c"), axis=(1, 0, 0), volumes=3), ("volumes = 3", "list")),
         (lambda s: Removal(rule=lambda _: "a").apply(s), ("rule gives = 'a'", "list of texts")),
         (lambda s: Removal(rule=lambda _: None).apply(s), ("rule gives = None", "list of texts")),
         (lambda s: s.step(1.5), ("steps = 1.5", "whole number")),

@@ -86,6 +86,7 @@ def test_cells_of_several_types() -> None:
     [
         (3, {}, "counts = 3"),
         ({"R": 2.5}, {}, r"counts\['R'\] = 2.5 is not a whole number"),
+        ({"R": 10**40}, {}, r"counts\['R'\] = 1000.* <= 10000000"),
         ({"R": -1}, {}, r"counts\['R'\] = -1 is not allowed"),
         ({"R\0": 1}, {}, "counts: type = .* control character"),
         ({"R": 1}, {"seed": -1}, "seed = -1 is not allowed"),

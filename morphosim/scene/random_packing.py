@@ -14,6 +14,7 @@ K_CELLS, K_WALLS = 0.05, 0.1
 DENSEST = 0.64
 """Share of a volume that balls at random places can fill (random close packing)."""
 MOST_ITERATIONS = 5000
+MOST_CELLS = 10**7
 
 
 def random_positions(
@@ -129,7 +130,7 @@ def packed_cells(
     _validate.instance("counts", counts, Mapping)
     for kind, count in counts.items():
         _validate.label("counts: type", kind)
-        _validate.integer(f"counts[{kind!r}]", count, least=0)
+        _validate.integer(f"counts[{kind!r}]", count, least=0, most=MOST_CELLS)
     named = [(kind, f"{kind}{k + 1}") for kind, count in counts.items() for k in range(count)]
     positions = random_positions(len(named), radius, lower, upper, seed)
     return [

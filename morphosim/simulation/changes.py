@@ -85,6 +85,9 @@ class Changes:
             if name in self._used:
                 message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
                 raise ValueError(message)
+        for what, pair in (("types", types), ("volumes", volumes)):
+            if pair is not None:
+                _validate.several(f"division of {cell!r}: {what}", pair, what, 2)
         engine, target = self.engine, self._target(cell)
         halves = divided(
             engine.field(row), engine.numerics.spacing, axis, fraction, daughters,
@@ -234,7 +237,8 @@ class Changes:
 
 def _listed(cells: Iterable[str]) -> tuple[str, ...]:
     """Names of cells; TypeError if it is one text, or no texts."""
-    return _validate.labels("cells", cells if isinstance(cells, str) else list(cells))
+    given = isinstance(cells, Iterable) and not isinstance(cells, str | bytes)
+    return _validate.labels("cells", list(cells) if given else cells)
 
 
 def used_names(table: CellTable) -> set[str]:

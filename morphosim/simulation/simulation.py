@@ -146,6 +146,8 @@ class Simulation(State):
         """
         from morphosim.runs import resume  # with xarray, which a simulation alone does not need
 
+        if scene is not None:
+            _validate.instance("scene", scene, Scene)
         if scene is None and time is None:
             return cls(*resume.saved_state(Path(directory)))
         chosen, identity = resume.branched_scene(Path(directory), scene, time)

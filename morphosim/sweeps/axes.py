@@ -294,7 +294,7 @@ def _sampled(
             message = f"samples = {samples}: ranges and a number of samples go together ({names})"
             raise ValueError(message)
         return {}
-    _validate.integer("samples", samples, least=1, most=MOST_MEMBERS)
+    samples = _validate.integer("samples", samples, least=1, most=MOST_MEMBERS)
     from scipy.stats import qmc
 
     if sampling == "sobol" and samples & (samples - 1):
