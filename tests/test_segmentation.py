@@ -678,7 +678,7 @@ def test_bad_options(options: dict, text: str) -> None:
 
 
 def test_one_text_is_no_list_of_names() -> None:
-    with pytest.raises(TypeError, match="frozen = 'E' is one text"):
+    with pytest.raises(TypeError, match="frozen = 'E' is not a list of names or labels"):
         import_labels(blocks(*TWO), names=NAMES, frozen="E")
 
 

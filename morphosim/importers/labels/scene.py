@@ -242,6 +242,8 @@ def _freeze(
     active: Collection[str | int] | None,
 ) -> None:
     """Mark the cells that are not stepped."""
+    for option, cells in (("frozen", frozen), ("active", () if active is None else active)):
+        _validate.several(option, cells, "names or labels")
     if active is not None and len(frozen):
         message = f"frozen = {list(frozen)} and active = {list(active)}; give one of them"
         raise ValueError(message)
@@ -260,9 +262,6 @@ def _places(
     labels: Sequence[int],
 ) -> set[int]:
     """Places of cells given by name or label; a text of digits is a label if it is no name."""
-    if isinstance(cells, str):
-        message = f"{option} = {cells!r} is one text; expected a list of names or labels"
-        raise TypeError(message)
     known: dict[str | int, int] = {}
     for k, label in enumerate(labels):
         known |= {label: k, str(label): k}
