@@ -35,7 +35,6 @@ class Reader:
 
 def command(*words: object) -> Callable[[], object]:
     """Call the command line with these words, in this process."""
-
     return lambda: _commands()([str(word) for word in words], standalone_mode=False)
 
 

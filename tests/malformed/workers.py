@@ -47,7 +47,8 @@ class Workers:
         if self._process is None:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "tests.malformed.workers"], cwd=Path(__file__).parents[2],
-                env=os.environ | ONE_THREAD, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                env=os.environ | ONE_THREAD, text=True, stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             )  # fmt: skip
             assert self._process.stdout is not None
             self._process.stdout.readline()
