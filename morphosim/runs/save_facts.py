@@ -24,6 +24,7 @@ class SaveFacts:
     error : why the run has ended there; "" if it can go on
     cells : names of the cells
     low : (N, 3) first corners of their boxes, µm
+    centroid : (N, 3), µm
     """
 
     step: int
@@ -32,6 +33,7 @@ class SaveFacts:
     error: str
     cells: list[str]
     low: NDArray[np.float64]
+    centroid: NDArray[np.float64]
 
     @classmethod
     def read(cls, path: Path) -> "SaveFacts":
@@ -52,6 +54,7 @@ class SaveFacts:
                 error=str(attributes["error"]),
                 cells=[str(name) for name in file["cell"][...]],
                 low=np.array(file["box_low"][0]),
+                centroid=np.array(file["centroid"][0]),
             )
 
 

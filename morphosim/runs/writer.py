@@ -156,6 +156,7 @@ class RunWriter:
         return self._saved == simulation.steps
 
     def _begin(self, simulation: Observed) -> None:
+        self._marks: deque[Positions] = deque(maxlen=4)
         if self.resume:
             self._find_place(simulation)
         elif self.overwrite:
@@ -165,7 +166,7 @@ class RunWriter:
         self.files.tidy()
         self._place = self.files.place
         self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
-        self._marks = deque([_positions(simulation)], maxlen=4)
+        self._marks.append(_positions(simulation))
         if not self.resume:
             self._write_scene(simulation)
         self._plan(simulation)
@@ -203,7 +204,9 @@ class RunWriter:
         before = [number for number, facts in saves.items() if facts.step <= simulation.steps]
         if before:
             self._number = max(before)
-            self._saved = saves[self._number].step
+            last = saves[self._number]
+            self._saved = last.step
+            self._marks.append(Positions(last.time, last.cells, last.centroid))
             _check_variables(self.files.save(self._number))
 
     def _write_scene(self, simulation: Observed) -> None:

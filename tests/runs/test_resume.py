@@ -363,6 +363,7 @@ def test_a_state_newer_than_the_last_save_is_used(tmp_path: Path, whole: Simulat
         assert_same_state(whole, again)
         with open_run(tmp_path / "run") as data:
             assert data["time"].values.tolist() == [0, 20, 40, 60]
+            assert np.isfinite(data["speed"].values[2]).all()
         shutil.rmtree(tmp_path / "run")
 
 
