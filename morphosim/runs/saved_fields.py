@@ -207,7 +207,11 @@ def load_fields(
     ValueError
         The run was saved without fields, or the Dataset is a selection of a run.
     """
-    boxes = saved_boxes(run, range(run.sizes["time"])[index])
+    count = save_count(run)
+    if not -count <= index < count:
+        message = f"index = {index}: the run has no such save; it has {count}, from 0 on"
+        raise IndexError(message)
+    boxes = saved_boxes(run, index % count)
     names = [str(name) for name in variable(run, "cell", "cell").values[boxes.cell]]
     if cells is None:
         values = boxes.read_all()

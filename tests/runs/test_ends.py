@@ -69,6 +69,8 @@ def test_saved_numbers_are_those_of_the_saved_fields(tmp_path: Path) -> None:
             assert found["volume"] == pytest.approx(saved.phi.sum(dtype=float) / 8, rel=1e-6)
             assert found["core_volume"] == (saved.phi > 0.5).sum() / 8
             assert float(data["target_volume"][k, 0]) == 140 + time
+        with pytest.raises(IndexError, match="index = 4: the run has no such save; it has 4"):
+            load_fields(data, 4)
 
 
 def test_saves_are_not_lost_to_rounding(tmp_path: Path) -> None:
