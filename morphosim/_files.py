@@ -24,10 +24,15 @@ STUMBLES = (LookupError, TypeError, AttributeError, ArithmeticError, AssertionEr
 LONGEST_REASON, MOST_LISTED = 200, 30
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a file; none can have a name that is too long for the system."""
+    return os.path.isfile(path)
+
+
 def check_file(path: Path, suffixes: Iterable[str]) -> None:
     """Raise unless the file exists and has one of these extensions."""
     _validate.choice(f"extension of {path}", path.suffix.lower(), suffixes)
-    if not path.is_file():
+    if not is_file(path):
         message = f"{path} does not exist or is not a file"
         raise FileNotFoundError(message)
 
@@ -121,7 +126,7 @@ def toml_table(path: Path, what: str) -> dict[str, Any]:
     ValueError
         It is not TOML.
     """
-    if not path.is_file():
+    if not is_file(path):
         message = f"{what} {path} does not exist"
         raise FileNotFoundError(message)
     return toml_of(read_text(path), str(path))

@@ -4,7 +4,8 @@ import difflib
 import inspect
 import math
 import unicodedata
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from itertools import islice
 from numbers import Real
@@ -17,6 +18,18 @@ LARGEST, SMALLEST = 1e30, 1e-30
 """Beyond these, products of a few numbers are infinite or 0."""
 LONGEST_NAME = 100
 MOST_LISTED = 30
+
+
+@contextmanager
+def told_of(where: str) -> Iterator[None]:
+    """Say in errors whose fault they tell, unless they begin with it."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        if str(error).startswith(where):
+            raise
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"{where}: {error}") from error
 
 
 def number(name: str, value: Any, *, above: float | None = None, least: float | None = None,
@@ -315,6 +328,8 @@ def unique(name: str, values: Iterable[str]) -> None:
 
 def brief(value: Any, most: int = 200) -> str:
     """What a value is, in one line that is not too long."""
+    if isinstance(value, np.generic):  # whose name for it tells users nothing
+        value = value.item()
     try:
         told = " ".join(
             repr(value[: most + 1] if isinstance(value, str | bytes) else value).split()

@@ -238,7 +238,7 @@ def test_a_built_in_scene_must_exist() -> None:
         ([[0, 1, 2]] * 3, ("sigma", "(3, 3)", "(2, 2)")),
         ([[0, 1], [1]], ("sigma", "numbers")),
         ([[0, NAN], [1, 0]], ("sigma[0, 1] = nan", "finite")),
-        ([[0, 1], [-1, 0]], ("sigma", "-1.0", ">= 0")),
+        ([[0, 1], [-1, 0]], ("sigma[1, 0] = -1.0", ">= 0")),
     ],
 )
 def test_an_attraction_matrix_is_checked(matrix: list, words: tuple) -> None:
@@ -359,6 +359,10 @@ def test_the_shapes_above_are_sound_apart_from_what_is_changed(cls: type) -> Non
         ),
         (lambda x, y, z: -1.0, ("confinement.function", "-1", "0 (inside)")),
         pytest.param(lambda x, y, z: np.zeros(7), ("confinement.function", "(7,)")),
+        (
+            math.hypot,
+            ("confinement.function = <built-in function hypot> fails for arrays x, y, z",),
+        ),
     ],
 )
 def test_the_values_of_a_confinement_function_are_checked(function: Any, words: tuple) -> None:
@@ -522,6 +526,8 @@ def test_a_scene_file_is_checked(load: Callable, text: str, words: tuple) -> Non
         ("physic.gamma", 1, ("key of the scene = 'physic'", "'physics'?")),
         ("cells.7.name", "b", ("cannot set 'cells.7.name'", "no '7' in a list of 1")),
         ("numerics.dt", "fast", ("numerics.dt = 'fast'", "not a number")),
+        ("cells.0.shape.center.3", 1.0, ("cannot set 'cells.0.shape.center.3'", "of 3")),
+        ("cells.0.parent", "a", ("cell 'a': parent = 'a' is the cell itself",)),
         ("", 1, ("key of the scene = ''",)),
     ],
 )
@@ -534,6 +540,8 @@ def test_missing_files_are_named(load: Callable, tmp_path: Path) -> None:
         load_scene(tmp_path / "none.toml")
     with pytest.raises(FileNotFoundError, match=r"cell 'a': shape\.mask.*none\.npz"):
         load(with_mask('"none.npz:x"'))
+    with pytest.raises(FileNotFoundError, match="cell 'a': shape.mask = 'yyy.* no such file"):
+        load(with_mask(f'"{"y" * 300}.npz:x"'))
 
 
 @pytest.mark.parametrize(

@@ -149,7 +149,8 @@ def test_a_scene_file_is_rehearsed_as_well(what: str, tmp_path: Path) -> None:
         (lambda: When(lambda: True), ("stage: condition", "called with 1 argument")),
         (lambda: stage(events=0.5), ("stage 'one': events = 0.5 is not a list of events",)),
         (lambda: stage(rules={}), ("stage 'one': rules = {} is not a list of events",)),
-        (lambda: stage(physics={"gamma": "x"}), ("physics.gamma = 'x'",)),
+        (lambda: stage(physics={"gamma": "x"}), ("stage 'one': physics.gamma = 'x'",)),
+        (lambda: stage(physics={"gama": 1}), ("stage 'one': key of physics = 'gama'",)),
         (lambda: stage(name="a\nb"), ("stage: name = 'a\\nb'", "control character")),
         (lambda: stage(end=Steady), ("stage 'one': end.reached",)),
         (lambda: stage(events=[type("E", (), {"apply": lambda self: None})()]),
@@ -161,6 +162,31 @@ def test_ends_and_events_are_checked_when_they_are_made(make: Callable, words: t
         make()
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("said", "error"),
+    [
+        ("gamma = -1", "physics.gamma = -1 is not allowed"),
+        ("gama = 1", "key of physics = 'gama'"),
+        ("sigma = 'x'", "physics.sigma = 'x'"),
+        ("sigma = { default = -1 }", "sigma.default = -1"),
+        ("sigma = { matrix = [[0]] }", "physics.sigma.matrix is of the cells at the start"),
+        ("terms = 3", "physics.terms = 3"),
+    ],
+)
+@pytest.mark.parametrize("key", ["physics = ", "events = [{ kind = 'physics', values = "])
+def test_physics_of_a_stage_say_whose_they_are(
+    tmp_path: Path, key: str, said: str, error: str
+) -> None:
+    path = tmp_path / "scene.toml"
+    save_scene(scene(), path)
+    end = f"{key}{{ {said} }}{' }]' if 'events' in key else ''}"
+    table = f"\n[[stages]]\nname = 'two'\nend = {{ kind = 'steady' }}\n{end}\n"
+    path.write_text(path.read_text() + table)
+    with pytest.raises(ValueError, match=r"^stage(s\[0\]| 'two')") as caught:
+        load_scene(path)
+    assert error in str(caught.value)
 
 
 @pytest.mark.parametrize(

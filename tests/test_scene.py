@@ -232,11 +232,13 @@ def test_overrides_replace_and_add_values(tmp_path: Path) -> None:
         "duration": 7,
         "confinement": {"kind": "box", "lower": [-9, -9, -9], "upper": [9, 9, 9]},
         "confinement.width": 0.5,
+        "cells.0.shape.center.1": 2.5,
     }
     scene = load_scene(tmp_path / "s.toml", changes)
     assert (scene.physics.gamma, scene.numerics.dt, scene.duration) == (0.5, 0.5, 7)
     assert scene.physics.attraction.default == 0.25
     assert scene.confinement.width == 0.5
+    assert scene.cells[0].shape.center[1] == 2.5
     assert load_scene(tmp_path / "s.toml").duration == 50
 
 

@@ -85,7 +85,10 @@ class Attraction(Term):
         names = _validate.labels("names", names)
         _validate.unique("cell name", names)
         sigma = _validate.array("sigma", matrix, (len(names), len(names)))
-        off_diagonal = sigma[~np.eye(len(names), dtype=bool)]
+        others = ~np.eye(len(names), dtype=bool)
+        for j, i in np.argwhere(others & (sigma < 0)):
+            _validate.number(f"sigma[{j}, {i}]", sigma[j, i], least=0)
+        off_diagonal = sigma[others]
         values, counts = np.unique(off_diagonal, return_counts=True)
         default = float(values[np.argmax(counts)]) if values.size else 0.0
         pairs = {

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim._files import guarded, replacing
+from morphosim._files import guarded, is_file, replacing
 
 ARRAY = ("dtype", "shape", "values")
 """Keys of the table of an array."""
@@ -32,10 +32,11 @@ def array_of(value: Any, folder: Path, where: str) -> NDArray[Any]:
         return _validate.array(where, value, None)
     name, _, key = value.partition(":")
     path = folder / name
-    if not path.exists():
-        message = f"{where} = {value!r}: {path} does not exist"
+    if not is_file(path):
+        message = f"{where} = {_validate.brief(value)}: there is no such file in {folder}"
         raise FileNotFoundError(message)
-    known, array = guarded(path, lambda: _entry(path, key))
+    with _validate.told_of(where):
+        known, array = guarded(path, lambda: _entry(path, key))
     _validate.choice(f"{where}: array in {name}", key, known)
     return np.asarray(array)
 

@@ -65,7 +65,8 @@ class Cell:
     Raises
     ------
     ValueError
-        The name is empty or has control characters, or volume or gamma is not positive.
+        The name is empty or has control characters, volume or gamma is not positive, or the cell is
+        its own mother.
     """
 
     name: str
@@ -84,6 +85,9 @@ class Cell:
             raise TypeError(f"{message}it has no {missing[0]}")
         values = {name: getattr(self, name) for name in ("type", "parent", "frozen", "gamma")}
         check_values(self.name, values | ({} if self.volume is None else {"volume": self.volume}))
+        if self.parent == self.name:
+            message = f"cell {self.name!r}: parent = {self.parent!r} is the cell itself"
+            raise ValueError(message)
         self.target_volume(0.0)
 
     def target_volume(self, time: float) -> float:

@@ -93,8 +93,7 @@ def _replace(table: dict[str, Any], key: str, value: Any) -> None:
     for parent in parents:
         place = _inside(place, parent, key)
     if isinstance(place, list):
-        _inside(place, last, key)
-        place[int(last)] = value
+        place[_number_in(place, last, key)] = value
     else:
         place[last] = value
 
@@ -103,16 +102,21 @@ def _inside(place: Any, name: str, key: str) -> Any:
     """Table or list of this name, or number, in another; ValueError if there is none."""
     if isinstance(place, dict):
         found = place.setdefault(name, {})
-    elif name.isdecimal() and len(name) < 10 and int(name) < len(place):
-        found = place[int(name)]
     else:
-        shown = _validate.brief(name, 40)
-        message = f"cannot set {key!r}: there is no {shown} in a list of {len(place)}"
-        raise ValueError(message)
+        found = place[_number_in(place, name, key)]
     if not isinstance(found, dict | list):
         message = f"cannot set {key!r}: {name!r} is not a table"
         raise ValueError(message)
     return found
+
+
+def _number_in(place: list[Any], name: str, key: str) -> int:
+    """Number of an item of a list; ValueError if there is none."""
+    if name.isdecimal() and len(name) < 10 and int(name) < len(place):
+        return int(name)
+    shown = _validate.brief(name, 40)
+    message = f"cannot set {key!r}: there is no {shown} in a list of {len(place)}"
+    raise ValueError(message)
 
 
 def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:

@@ -27,12 +27,12 @@ class Manner:
     Attributes
     ----------
     hint : the annotation
-    of : value from what a file says, and the folder of its array files
+    of : value from what a file says, the folder of its array files, and its place for errors
     said : what a file says of a value
     """
 
     hint: Any
-    of: Callable[[Any, Path], Any]
+    of: Callable[[Any, Path, str], Any]
     said: Callable[[Any], Any]
 
 
@@ -107,7 +107,7 @@ def names_code(table: Any, kinds: Mapping[str, type]) -> bool:
 def _value_of(value: Any, hint: Any, folder: Path, where: str, manner: Manner | None) -> Any:
     """Value of a field, as its class takes it."""
     if manner is not None and hint == manner.hint:
-        return manner.of(value, folder)
+        return manner.of(value, folder, where)
     if _may_be(hint, np.ndarray):
         return array_of(value, folder, where)
     if _may_be(hint, Callable) and isinstance(value, str):

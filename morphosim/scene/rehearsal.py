@@ -7,8 +7,7 @@ long a stage lasts that ends when cells rest, and what an event of a user's own 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -194,7 +193,7 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
         where = f"stage {stage.name!r}"
         _apply(rehearsal, stage.events, f"{where}: events")
         if stage.physics:
-            with _told_of(f"{where}: physics"):
+            with _validate.told_of(f"{where}: physics"):
                 rehearsal.change_physics(**stage.physics)
         _apply(rehearsal, stage.rules, f"{where}: rules")
         every, steps = max(round(stage.rules_every / numerics.dt), 1), _most_steps(stage, numerics)
@@ -208,21 +207,12 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
 def _apply(rehearsal: Rehearsal, events: Sequence[Event], where: str) -> None:
     """Let events act on what is known."""
     for k, event in enumerate(events):
-        with _told_of(f"{where}[{k}]"):
+        with _validate.told_of(f"{where}[{k}]"):
             tell = getattr(event, "rehearse", None)
             if tell is None:
                 rehearsal.surprise(event)
             else:
                 tell(rehearsal)
-
-
-@contextmanager
-def _told_of(where: str) -> Iterator[None]:
-    """Say in errors where in the stages they come from."""
-    try:
-        yield
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"{where}: {error}") from error
 
 
 def _most_steps(stage: Stage, numerics: Numerics) -> float:

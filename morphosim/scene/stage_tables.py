@@ -33,7 +33,7 @@ def stage_of(table: Mapping[str, Any], where: str, folder: Path = Path()) -> Sta
         name=table["name"],
         end=object_of(table["end"], ENDS, f"{where}.end", folder),
         limit=table.get("limit"),
-        physics=physics_values(table.get("physics", {}), folder),
+        physics=physics_values(table.get("physics", {}), folder, where),
         events=events("events"),
         rules=events("rules"),
         **{key: table[key] for key in ("rules_every",) if key in table},

@@ -54,7 +54,8 @@ class Stage:
         self._check_end(where)
         if self.limit is not None:
             _validate.number(f"{where}: limit", self.limit, above=0)
-        check_physics(f"{where}: physics", self.physics)
+        with _validate.told_of(where):
+            check_physics("physics", self.physics)
         _validate.number(f"{where}: rules_every", self.rules_every, above=0)
         for key in ("events", "rules"):
             events = _validate.several(f"{where}: {key}", getattr(self, key), "events")

@@ -137,14 +137,22 @@ def _without_terms(physics: Physics) -> dict[str, Any]:
     return table
 
 
-def physics_values(table: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
-    """Keywords of `Physics` from those values that a table of a file in `folder` has."""
-    _validate.keys("physics of a stage", table, _validate.names_of(Physics))
-    values = dict(table)
-    if "sigma" in values:
-        values["sigma"] = physics_of({"sigma": values["sigma"]}, []).attraction
-    if "terms" in values:
-        values["terms"] = terms_of(values["terms"], "physics.terms", folder)
+def physics_values(table: Mapping[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """Keywords of `Physics` from those values that a table of a file in `folder` has.
+
+    Errors say `where` the table is.
+    """
+    with _validate.told_of(where):
+        _validate.keys("physics", table, _validate.names_of(Physics))
+        values = dict(table)
+        sigma = values.get("sigma")
+        if isinstance(sigma, Mapping) and "matrix" in sigma:
+            message = "physics.sigma.matrix is of the cells at the start; give types or pairs here"
+            raise ValueError(message)
+        if "sigma" in values:
+            values["sigma"] = physics_of({"sigma": sigma}, []).attraction
+        if "terms" in values:
+            values["terms"] = terms_of(values["terms"], "physics.terms", folder)
     return values
 
 

@@ -28,7 +28,13 @@ class FunctionWalls:
     def field(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """φ_e, checked to be finite and between 0 and 1."""
         shape = np.broadcast_shapes(np.shape(x), np.shape(y), np.shape(z))
-        given = self.function(x, y, z)
+        try:
+            given = self.function(x, y, z)
+        except (TypeError, ValueError) as error:
+            message = (
+                f"confinement.function = {_validate.brief(self.function)} fails for arrays x, "
+            )
+            raise ValueError(f"{message}y, z: {error}") from error
         try:
             values = np.asarray(given, dtype=np.float64)
         except (TypeError, ValueError) as error:
