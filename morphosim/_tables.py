@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import date, time, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,16 @@ Converter = Callable[[str, str], Any]
 SEPARATORS = ",;\t"
 MOST_ENTRIES = 2**24
 """Entries of a sheet, at most: as many as an .xls file may have."""
+MOST_PLACES = 5
+DIGITS, LARGEST_WHOLE = re.compile(r"\d{1,20}"), 2**64 - 1
 SEPARATOR_LINE = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 """First line by which Excel is told the separator."""
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 """A number with a decimal comma and three digits, or thousands with separators."""
+DECIMAL_POINT = re.compile(r"[+-]?\d*\.?\d*")
+THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,' \u00a0\u2009\u202f\u2019])\d{3}(\1\d{3})*)[.,]?\d*")
+"""A number whose digits stand in groups of three."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,6 +154,16 @@ def _rows_of_csv(path: Path) -> Iterable[tuple[int, list[str]]]:
     return guarded(path, lambda: list(enumerate(reader, start=2 if told else 1)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sheet:
+    """A spreadsheet: its rows, and the places of what is not what it seems to be."""
+
+    rows: Sequence[list[str]]
+    merged: Sequence[str]
+    dates: Sequence[str]
+    unsolved: Sequence[str] = ()
+
+
 def _rows_of_xls(path: Path) -> Iterable[tuple[int, list[str]]]:
     """Rows of the first sheet, by number."""
     xlrd = need("xlrd", str(path), "matlab")
@@ -157,25 +173,56 @@ def _rows_of_xls(path: Path) -> Iterable[tuple[int, list[str]]]:
             return str(xlrd.error_text_from_code.get(cell.value, "error"))
         return _text(bool(cell.value) if cell.ctype == xlrd.XL_CELL_BOOLEAN else cell.value)
 
-    def rows() -> list[list[str]]:
-        book = xlrd.open_workbook(str(path), logfile=io.StringIO())
-        return [[text(cell) for cell in row] for row in book.sheet_by_index(0).get_rows()]
+    def read() -> _Sheet:
+        book = xlrd.open_workbook(str(path), logfile=io.StringIO(), formatting_info=True)
+        sheet = book.sheet_by_index(0)
+        cells = list(sheet.get_rows())
+        return _Sheet(
+            rows=[[text(cell) for cell in row] for row in cells],
+            merged=[f"{xlrd.cellname(low, left)}:{xlrd.cellname(high - 1, right - 1)}"
+                    for low, high, left, right in sheet.merged_cells],
+            dates=[xlrd.cellname(k, m) for k, row in enumerate(cells)
+                   for m, cell in enumerate(row) if cell.ctype == xlrd.XL_CELL_DATE],
+        )  # fmt: skip
 
-    return enumerate(guarded(path, rows), start=1)
+    return _plain_rows(path, guarded(path, read))
 
 
 def _rows_of_xlsx(path: Path) -> Iterable[tuple[int, list[str]]]:
     """Rows of the first sheet, by number."""
     openpyxl = need("openpyxl", str(path), "matlab")
 
-    def rows() -> list[list[str]]:
+    def read() -> _Sheet:
         sheet = openpyxl.load_workbook(path, data_only=True).worksheets[0]
         if sheet.max_row * sheet.max_column > MOST_ENTRIES:  # an entry far out makes them all
             message = f"its sheet has {sheet.max_row} rows and {sheet.max_column} columns"
             raise ValueError(message)
-        return [[_text(value) for value in row] for row in sheet.iter_rows(values_only=True)]
+        said = openpyxl.load_workbook(path).worksheets[0]  # formulas, where that has their results
+        cells = [cell for row in sheet.iter_rows() for cell in row]
+        return _Sheet(
+            rows=[[_text(value) for value in row] for row in sheet.iter_rows(values_only=True)],
+            merged=[str(place) for place in sheet.merged_cells.ranges],
+            dates=[c.coordinate for c in cells if isinstance(c.value, date | time | timedelta)],
+            unsolved=[c.coordinate for c in cells
+                      if c.value is None and c.data_type == "n"
+                      and said[c.coordinate].value is not None],
+        )  # fmt: skip
 
-    return enumerate(guarded(path, rows), start=1)
+    return _plain_rows(path, guarded(path, read))
+
+
+def _plain_rows(path: Path, sheet: _Sheet) -> Iterable[tuple[int, list[str]]]:
+    """Rows of a sheet by number, or ValueError if some entries are not what they seem to be."""
+    reasons = (
+        (sheet.merged, "merged entries: only the first has what they show. Split them"),
+        (sheet.dates, "dates or times. If they are names, format them as text and write them anew"),
+        (sheet.unsolved, "formulas without results. Save it in Excel or LibreOffice, or as .csv"),
+    )
+    for places, reason in reasons:
+        if places:
+            message = f"{path} has at {', '.join(places[:MOST_PLACES])} {reason}"
+            raise ValueError(message)
+    return enumerate(sheet.rows, start=1)
 
 
 def _text(value: Any) -> str:
@@ -202,6 +249,7 @@ def text(name: str, entry: str) -> str:
 
 def number(name: str, entry: str, **bounds: float) -> float:
     """Return an entry as `_validate.number` does; a decimal comma is as good as a point."""
+    entry = entry.replace("\u2212", "-")
     if GROUPED.fullmatch(entry):
         message = (
             f"{name} = {entry!r} may be {entry.replace(',', '.', 1)} or "
@@ -211,6 +259,9 @@ def number(name: str, entry: str, **bounds: float) -> float:
     pointed = entry.replace(",", ".") if DECIMAL_COMMA.fullmatch(entry) else entry
     if "_" in pointed:  # which Python would read over
         message = f"{name} = {entry!r} is not a number"
+        raise ValueError(message)
+    if THOUSANDS.fullmatch(entry) and not DECIMAL_POINT.fullmatch(entry):
+        message = f"{name} = {entry!r} is not a number; write it without separators of thousands"
         raise ValueError(message)
     return _validate.parsed_number(name, pointed, **bounds)
 
@@ -224,7 +275,8 @@ def whole(least: int) -> Callable[[str, str], int]:
     """Make a converter to whole numbers, of which 70000.0 is one, not below `least`."""
 
     def convert(name: str, entry: str) -> int:
-        value = number(name, entry)
-        return _validate.integer(name, int(value) if value.is_integer() else value, least=least)
+        value: float = int(entry) if DIGITS.fullmatch(entry) else number(name, entry)
+        whole = int(value) if value == int(value) else value
+        return _validate.integer(name, whole, least=least, most=LARGEST_WHOLE)
 
     return convert

@@ -540,7 +540,7 @@ def test_missing_files_are_named(load: Callable, tmp_path: Path) -> None:
         load_scene(tmp_path / "none.toml")
     with pytest.raises(FileNotFoundError, match=r"cell 'a': shape\.mask.*none\.npz"):
         load(with_mask('"none.npz:x"'))
-    with pytest.raises(FileNotFoundError, match="cell 'a': shape.mask = 'yyy.* no such file"):
+    with pytest.raises(FileNotFoundError, match=r"cell 'a': shape\.mask = 'yyy.* no such file"):
         load(with_mask(f'"{"y" * 300}.npz:x"'))
 
 

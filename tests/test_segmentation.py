@@ -134,7 +134,10 @@ def test_ome_tiff_that_does_not_say_all(tmp_path: Path) -> None:
         read_labels(path)
     unit = {"PhysicalSizeX": 2, "PhysicalSizeXUnit": "pixel"}
     path = write_ome(tmp_path / "b.ome.tif", LABELS.T, "ZYX", **unit)
-    with pytest.raises(ValueError, match=r"unit of .*PhysicalSizeX = 'pixel' is not known"):
+    with pytest.raises(ValueError, match=r"does not say the size of its voxels along x, y, z"):
+        read_labels(path)
+    path = write_ome(tmp_path / "c.ome.tif", LABELS.T, "ZYX", **unit | {"PhysicalSizeXUnit": "ly"})
+    with pytest.raises(ValueError, match=r"unit of .*PhysicalSizeX = 'ly' is not known"):
         read_labels(path)
 
 
@@ -390,17 +393,19 @@ def test_netcdf_dimensions_in_part(tmp_path: Path) -> None:
         read_labels(written("w", "y", "channel"), spacing=1)
 
 
-@pytest.mark.parametrize(
-    ("z", "text"),
-    [
-        ([0.0, 0.6, 1.3, 1.9], "z has steps from 0.6 to 0.7 µm; expected even steps upwards"),
-        ([1.8, 1.2, 0.6, 0.0], "z has steps from -0.6 to -0.6"),
-    ],
-)
-def test_netcdf_coordinates_that_are_no_grid(tmp_path: Path, z: list[float], text: str) -> None:
-    path = write_netcdf(tmp_path / "a.nc", z=("z", z))
+def test_netcdf_coordinates_that_are_no_grid(tmp_path: Path) -> None:
+    path = write_netcdf(tmp_path / "a.nc", z=("z", [0.0, 0.6, 1.3, 1.9]))
+    text = "z has steps from 0.6 to 0.7 µm; expected even steps"
     with pytest.raises(ValueError, match=re.escape(text)):
         read_labels(path, time_index=0)
+
+
+@pytest.mark.parametrize("options", [{}, {"spacing": SPACING}])
+def test_netcdf_coordinates_that_fall_are_turned_round(tmp_path: Path, options: dict) -> None:
+    path = write_netcdf(tmp_path / "a.nc", z=("z", [1.8, 1.2, 0.6, 0.0]), y=("y", [0.9, 0.6, 0.3]))
+    image = read_labels(path, time_index=1, **options)
+    assert_same(image, labels=TIMES[1][:, ::-1, ::-1])
+    np.testing.assert_allclose(image.origin, (7, 0.3, 0), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["a.tif", "a.npy", "a.npz", "a.nc"])
@@ -677,9 +682,19 @@ def test_bad_options(options: dict, text: str) -> None:
         import_labels(blocks(*TWO), names=NAMES, **options)
 
 
-def test_one_text_is_no_list_of_names() -> None:
-    with pytest.raises(TypeError, match="frozen = 'E' is not a list of names or labels"):
-        import_labels(blocks(*TWO), names=NAMES, frozen="E")
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"frozen": "E"}, "frozen = 'E' is not a list of names or labels"),
+        ({"names": {"4": "E"}}, "label in names = '4' is not a whole number"),
+        ({"physics": 3}, "physics = 3 is not of type Physics"),
+        ({"numerics": "draft"}, "numerics = 'draft' is not of type Numerics"),
+        ({"image": None}, "image = None is neither a LabelImage nor a path"),
+    ],
+)
+def test_options_of_another_type(options: dict, text: str) -> None:
+    with pytest.raises(TypeError, match=text):
+        import_labels(**{"image": blocks(*TWO), "names": NAMES} | options)
 
 
 def test_cells_at_the_border() -> None:

@@ -1,6 +1,7 @@
 """Tables of others: what is understood, and what is refused with the reason."""
 
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,9 @@ def write(folder: Path, content: str | bytes) -> Path:
         'label,cell,volume\n70000.0,A,"2,5"\n',
         "name\tlabel\tvolume\t\nA\t7e4\t2.5\n\n\t\t\n",
         "label,name,volume,type\r70000,A,2.5,\r",
+        "label,name,volume\n70000,A,250e\u22122\n",
     ],
-    ids=["plain", "european", "sep", "quoted", "tabs", "old Mac"],
+    ids=["plain", "european", "sep", "quoted", "tabs", "old Mac", "minus"],
 )
 def test_numbers_and_separators_as_programs_write_them(tmp_path: Path, content: str) -> None:
     assert read_cells(write(tmp_path, content)) == {70000: {"name": "A", "volume": 2.5}}
@@ -57,6 +59,37 @@ def test_an_entry_far_out_is_told(tmp_path: Path) -> None:
         read_cells(tmp_path / "cells.xlsx")
 
 
+def merge(sheet: Any) -> None:
+    sheet.merge_cells("B2:B3")
+
+
+@pytest.mark.parametrize(
+    ("entry", "spoil", "error"),
+    [
+        ("A", merge, "at B2:B3 merged entries: only the first"),
+        ("=A1&1", None, "at B2 formulas without results"),
+        (date(2026, 3, 1), None, "at B2 dates or times. If they are names"),
+    ],
+    ids=["merged", "formula", "date"],
+)
+def test_entries_of_a_spreadsheet_that_are_not_what_they_seem(
+    tmp_path: Path, entry: Any, spoil: Callable[[Any], None] | None, error: str
+) -> None:
+    book = openpyxl.Workbook()
+    for row in (["label", "name"], [1, entry], [2, "B"]):
+        book.active.append(row)
+    if spoil:
+        spoil(book.active)
+    book.save(tmp_path / "cells.xlsx")
+    with pytest.raises(ValueError, match=f"cells.xlsx has {error}"):
+        read_cells(tmp_path / "cells.xlsx")
+
+
+def test_large_labels_and_flags_of_floats(tmp_path: Path) -> None:
+    path = write(tmp_path, "label,frozen\n9007199254740993,1.0\n")
+    assert read_cells(path) == {9007199254740993: {"frozen": True}}
+
+
 BAD = {
     "decimal comma": ("label,name,volume\n1,A,2,5\n", "4 entries; expected 3.*2.5 for 2,5"),
     "cut short": ("label,name,volume\n1,A,2.5\n2,B\n", "row 3 has 2 entries; expected 3.*cut"),
@@ -64,7 +97,12 @@ BAD = {
     "twice": ("label,volume,Volume\n1,2,3\n", "column 'volume' occurs twice"),
     "twice by another name": ("label,name,cell\n1,A,B\n", "column 'name' occurs twice"),
     "thousands": ("label;volume\n1;1,125\n", "'1,125' may be 1.125 or 1125"),
-    "both": ("label;volume\n1;1.234,5\n", "'1.234,5' is not a number"),
+    "both": ("label;volume\n1;1.234,5\n", "'1.234,5' is not a number; write it without sep"),
+    "both, English": ('label,volume\n1,"1,234.5"\n', "'1,234.5' is not a .* without separators"),
+    "Swiss": ("label,volume\n1,1'234\n", "\"1'234\" is not a number; write it without separators"),
+    "spaces": ("label;volume\n1;1 234 567,5\n", "is not a number; write it without separators"),
+    "per cent": ("label,volume\n1,50%\n", "'50%' is not a number"),
+    "too large a label": ("label,name\n99999999999999999999,A\n", "label = 9{20} is not"),
     "underscore": ("label,volume\n1,1_0\n", "'1_0' is not a number"),
     "half a label": ("label,name\n1.5,A\n", "label = 1.5 is not a whole number"),
     "quotes": ('label,name\n1,"A\n', "cannot be read as a .csv file"),

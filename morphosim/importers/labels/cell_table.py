@@ -7,7 +7,10 @@ from typing import Any
 from morphosim import _validate
 from morphosim._tables import Converter, positive, read_table, text, whole
 
-FLAGS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+FLAGS = {
+    "true": True, "yes": True, "1": True, "1.0": True,
+    "false": False, "no": False, "0": False, "0.0": False,
+}  # fmt: skip
 
 
 def read_cells(path: Path) -> dict[int, dict[str, Any]]:

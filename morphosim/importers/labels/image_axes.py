@@ -110,7 +110,7 @@ def _not_in_space(where: str, shape: tuple[int, ...], said: str, letters: str) -
     """What an array is that has not the axes x, y, z and at most t, and what to try."""
     parts = [
         f"{n} {AXES[a]}" for a, n in zip(said, shape, strict=True) if a in AXES and n != 1
-    ] or ["one plane"]
+    ] or ["one plane" if len(shape) == 2 else f"{len(shape)} axes"]
     advice = "expected x, y, z and at most t"
     if "c" in said or "s" in said:
         advice += ": save the channel of the labels alone"

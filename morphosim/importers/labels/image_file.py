@@ -5,6 +5,7 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from morphosim import _validate
 from morphosim._files import check_file
 from morphosim.importers.labels.image_axes import Found, Steps, Wanted, checked_axes
 from morphosim.importers.labels.label_image import LabelImage
@@ -40,7 +41,8 @@ def read_labels(
     key : str, optional
         Array of an .npz file, variable of a netCDF file, or image of a TIFF file by its name or its
         number, counted from 0; by default the only one (of a netCDF file the only one of integers
-        with three or four dimensions). Values of a netCDF file are unpacked; missing ones are 0.
+        with three or four dimensions). Values of a netCDF file are unpacked; missing ones are 0;
+        axes whose coordinate falls are turned round.
     time_index : int, optional
         Which time, counted from 0, where the file holds more than one; -1 is the last.
 
@@ -67,11 +69,12 @@ def read_labels(
     check_file(path, READERS)
     found = READERS[path.suffix.lower()](path, wanted)
     order = [found.letters.index(letter) for letter in "xyz"]
-    return LabelImage(
-        labels=found.labels.transpose(order),
-        spacing=_spacing(path, found.steps()) if spacing is None else spacing,
-        origin=_origin(found.first()) if origin is None else origin,
-    )
+    with _validate.told_of(str(path)):
+        return LabelImage(
+            labels=found.labels.transpose(order),
+            spacing=_spacing(path, found.steps()) if spacing is None else spacing,
+            origin=_origin(found.first()) if origin is None else origin,
+        )
 
 
 def _origin(first: Steps) -> list[float]:

@@ -28,7 +28,10 @@ PACKED = 1e-3
 
 
 def read_netcdf(path: Path, wanted: Wanted) -> Found:
-    """Labels of a netCDF file, unpacked; where a value is missing there is no cell."""
+    """Labels of a netCDF file, unpacked; where a value is missing there is no cell.
+
+    They are turned round along axes whose coordinate falls.
+    """
     import xarray as xr
 
     def open_plainly() -> Any:
@@ -49,6 +52,10 @@ def read_netcdf(path: Path, wanted: Wanted) -> Found:
             for letter, dim in zip(letters, variable.dims, strict=True)
             if letter != "t" and dim in variable.coords and variable.sizes[dim] > 1
         }
+
+    falling = [letter for letter, (_, values) in coordinates.items() if _falls(values)]
+    labels = np.flip(labels, tuple(left.index(letter) for letter in falling))
+    coordinates |= {k: (coordinates[k][0], coordinates[k][1][::-1]) for k in falling}
 
     def places(which: int) -> dict[str, float]:
         return {k: _places(where, values, dim)[which] for k, (dim, values) in coordinates.items()}
@@ -107,6 +114,12 @@ def _whole(values: NDArray[Any]) -> NDArray[Any]:
     return rounded if (np.abs(present - rounded) < PACKED).all() else present
 
 
+def _falls(coordinate: Any) -> bool:
+    """Whether a coordinate runs from above to below, as y of many images does."""
+    values = coordinate.values
+    return values.dtype.kind in "iuf" and bool((values[1:] < values[:-1]).all())
+
+
 def _places(where: str, coordinate: Any, dim: str) -> tuple[float, float]:
     """First value and step of an even coordinate, µm."""
     scale = unit(f"{where}: coordinate {dim}", str(coordinate.attrs.get("units", "um")))
@@ -116,7 +129,7 @@ def _places(where: str, coordinate: Any, dim: str) -> tuple[float, float]:
     if not np.allclose(steps, step, rtol=1e-3, atol=0) or step <= 0:
         message = (
             f"{where}: coordinate {dim} has steps from {steps.min():g} to {steps.max():g} µm; "
-            "expected even steps upwards; give spacing and origin"
+            "expected even steps; give spacing and origin"
         )
         raise ValueError(message)
     return float(values[0]), float(step)

@@ -133,6 +133,8 @@ def import_labels(
     picture = picture.without(background) if background != 0 else picture
     physics = Physics() if physics is None else physics
     lattice = Numerics() if numerics is None else numerics
+    _validate.instance("physics", physics, Physics)
+    _validate.instance("numerics", lattice, Numerics)
     pieces = pieces_of(picture, _least_voxels(least_voxels, picture, lattice.spacing))
     about = _about([piece.label for piece in pieces], _known(names), frozen, active)
     _warn_of_border(pieces, about)
@@ -177,8 +179,11 @@ def _cells(
 
 
 def _picture(image: LabelImage | str | Path, spacing: ArrayLike | None) -> LabelImage:
-    if not isinstance(image, LabelImage):
+    if isinstance(image, str | Path):
         return read_labels(image, spacing=spacing)
+    if not isinstance(image, LabelImage):
+        message = f"image = {_validate.brief(image)} is neither a LabelImage nor a path"
+        raise TypeError(message)
     if spacing is not None:
         message = f"spacing = {spacing!r}, but the LabelImage has its own; give it there"
         raise ValueError(message)
@@ -208,7 +213,10 @@ def _known(names: Mapping[int, str] | str | Path | None) -> Mapping[int, dict[st
     if isinstance(names, str | Path):
         return read_cells(Path(names))
     _validate.instance("names", names, Mapping)
-    return {label: {"name": name} for label, name in names.items()}
+    return {
+        _validate.integer("label in names", label, least=1): {"name": name}
+        for label, name in names.items()
+    }
 
 
 def _about(

@@ -26,7 +26,7 @@ REFERENCE_FRAME = "reference frame"
 PLANAR = {"i", "o", "h", "b"}
 """Letters of tifffile for a sequence of planes of which the file does not say what they are."""
 PIXEL = ("", "pixel", "pixels")
-"""ImageJ's units of an image without a scale."""
+"""Units of an image without a scale."""
 BIG = 43
 """Number of the kind of TIFF file whose offsets have eight bytes."""
 TYPE_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
@@ -186,7 +186,7 @@ def _ome_steps(path: Path, k: int, metadata: str) -> Steps:
         letter: _number(f"{path}: {key}", said[key])
         * unit(f"{path}: {key}", said.get(f"{key}Unit", "µm"))
         for letter, key in ((letter, f"PhysicalSize{letter.upper()}") for letter in "xyz")
-        if key in said
+        if key in said and said.get(f"{key}Unit", "µm").lower() not in PIXEL
     }
 
 
