@@ -6,6 +6,7 @@ import os
 import pty
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import termios
@@ -309,16 +310,24 @@ def test_a_terminal_that_is_closed_ends_a_run_saved(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from morphosim.cli import main; main()"]
     command += ["run", str(tmp_path / "one.toml"), "-o", str(tmp_path / "run")]
     terminal, inner = pty.openpty()
+
+    def in_the_terminal() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # these tests may run where it is ignored
+        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
     run = subprocess.Popen(
         command, stdin=inner, stdout=inner, stderr=inner, start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        preexec_fn=in_the_terminal,
     )  # fmt: skip
     os.close(inner)
-    end = time.monotonic() + 120
-    while not (tmp_path / "run" / "save-000001.nc").exists() and time.monotonic() < end:
-        time.sleep(0.05)
-    os.close(terminal)
-    assert run.wait(timeout=60) == 130
+    try:
+        end = time.monotonic() + 120
+        while not (tmp_path / "run" / "save-000001.nc").exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        os.close(terminal)
+        assert run.wait(timeout=60) == 130
+    finally:
+        run.kill()
     again = Simulation.from_run(tmp_path / "run")
     assert again.time > 4
     assert load_scene(tmp_path / "run" / "scene.toml").duration == 1e7
