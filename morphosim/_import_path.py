@@ -35,10 +35,10 @@ def loaded(text: str, where: str, folder: Path = Path()) -> Any:
     try:
         return reduce(getattr, name.split("."), _module(module, folder))
     except (Exception, SystemExit) as error:  # a module may raise anything when it is imported
-        cause = " ".join(str(error).split()) or type(error).__name__
+        cause = " ".join(f"{type(error).__name__}: {error}".split())
         message = (
             f"{where} = {text!r} cannot be loaded as module:name ({cause}). "
-            f"{_advice(module, folder)}"
+            f"{_advice(module, folder, isinstance(error, ImportError | AttributeError))}"
         )
         raise ValueError(message) from error
 
@@ -105,11 +105,14 @@ def _executed(path: Path) -> ModuleType:
     return module
 
 
-def _advice(module: str, folder: Path) -> str:
+def _advice(module: str, folder: Path, absent: bool) -> str:
+    """What to do about a module that is absent or lacks a name, or raises when it is imported."""
     if module == MAIN:
         return "It was defined in a notebook or console: define it there again, or in a module"
     if module.endswith(".py"):
         if (folder / module).exists():
             return f'Correct the file, and put what runs under if __name__ == "{MAIN}":'
         return "Put the file there, or say in the scene file where it is"
+    if not absent:
+        return f'Correct the module, and put what runs under if __name__ == "{MAIN}":'
     return "Is the module installed or on PYTHONPATH? Or name its file: 'path/to/file.py:name'"

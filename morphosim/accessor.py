@@ -284,9 +284,13 @@ class MorphoAccessor:
         return show(self._run, *times, **options)
 
     def save_number(self, time: float | None = None) -> int:
-        """Number of the save nearest to `time`, from 0; the last for None."""
-        if time is not None:
-            _validate.number("time", time)
+        """Number of the save nearest to `time`, from 0; the last for None.
+
+        Raises
+        ------
+        ValueError
+            The nearest is further away than half the time between saves there.
+        """
         return time_index(self._run, time)
 
     def _facts(self) -> list[str]:

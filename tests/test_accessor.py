@@ -50,10 +50,18 @@ def test_phi_is_the_field_in_its_place(run: Run) -> None:
     np.testing.assert_allclose(mean, run.saves[1].values["centroid"]["b"], atol=1e-4)
 
 
-@pytest.mark.parametrize(("time", "taken"), [(None, 3), (-5, 0), (4.9, 0), (5.1, 1), (999, 3)])
+@pytest.mark.parametrize(("time", "taken"), [(None, 3), (0, 0), (4.9, 0), (5.1, 1), (28, 3)])
 def test_time_is_the_nearest_save(run: Run, time: float | None, taken: int) -> None:
     assert morpho(run).save_number(time) == taken
     assert float(morpho(run).phi("a", time)["time"]) == run.saves[taken].time
+
+
+@pytest.mark.parametrize("time", [30, 999])
+def test_a_time_far_from_all_saves_is_told(run: Run, time: float) -> None:
+    told = rf"^time = {time}: the run has no save near it; it has saves at t = 0, 10, 20, 26$"
+    for asked in (morpho(run).save_number, morpho(run).labels, morpho(run).full):
+        with pytest.raises(ValueError, match=told):
+            asked(time)
 
 
 def test_one_field_is_read_at_a_time(run: Run) -> None:

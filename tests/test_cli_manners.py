@@ -105,6 +105,18 @@ def test_nobody_who_reads_on_is_no_error(call: Call, monkeypatch: pytest.MonkeyP
         assert data.attrs["finished"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the device is Linux's")
+def test_a_full_disk_for_its_output_ends_no_run(
+    call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for words, status in ((("run", "one.toml", "-o", "run", "--until", 2), 0), (("scenes",), 2)):
+        with open("/dev/full", "w") as full:
+            monkeypatch.setattr(sys, "stdout", full)
+            status_now, _, told = call(*words)
+            assert (status_now, "No space left" in told) == (status, status == 2)
+            os.dup2(os.open(os.devnull, os.O_WRONLY), full.fileno())
+
+
 @pytest.mark.parametrize("stream", [None, "closed", "full"])
 def test_a_run_goes_on_without_standard_error(
     stream: str | None, often: None, call: Call, monkeypatch: pytest.MonkeyPatch

@@ -26,6 +26,17 @@ def test_a_script_that_runs_when_it_is_loaded_is_told_what_to_do(tmp_path: Path)
         _import_path.loaded(f"{path}:Swim", "use")
 
 
+def test_a_module_that_fails_is_told_apart_from_one_that_is_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "module_that_ends.py").write_text("raise SystemExit(7)\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match=r"\(SystemExit: 7\)\. Correct the module, and put what"):
+        _import_path.loaded("module_that_ends:Swim", "use")
+    with pytest.raises(ValueError, match=r"\(ModuleNotFoundError: .*\)\. Is the module installed"):
+        _import_path.loaded("module_that_is_not_there:Swim", "use")
+
+
 def test_a_file_is_looked_up_in_a_folder_and_finds_its_neighbours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,6 +55,12 @@ def test_automatic_is_what_a_container_allows(
     assert Numerics().worker_count == min(expected, 8)
 
 
+def test_numba_must_have_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 0)
+    with pytest.raises(ValueError, match="NUMBA_NUM_THREADS = 0 allows no thread"):
+        threads.automatic_threads()
+
+
 def test_more_threads_than_numba_has_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 1)
     ball = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=3))

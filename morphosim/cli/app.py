@@ -27,6 +27,8 @@ INPUT_ERRORS = (ValueError, TypeError, OSError, ImportError, SimulationError)
 """Errors that are told in one line."""
 UNCHECKED = (ArithmeticError, LookupError, RecursionError)
 """What Python raises for a value that nothing has checked."""
+UNREAD = (errno.EPIPE, errno.EIO)
+"""Errors of writing to what nobody reads."""
 
 
 @dataclass(slots=True)
@@ -116,20 +118,25 @@ class _Handler(logging.Handler):
 
 def say(text: str) -> None:
     """Print what was asked for, as far as somebody reads it (as in `| head`)."""
+    _print(text, UNREAD)
+
+
+def note(text: str) -> None:
+    """Print what was done, unless --quiet; done it is, even if the disk of a log is full."""
+    if not voice.quiet:
+        _print(text, (*UNREAD, errno.ENOSPC, errno.EDQUOT))
+
+
+def _print(text: str, ignored: tuple[int, ...]) -> None:
+    """Print; after one of these errors nothing is printed any more."""
     if sys.stdout is None:  # closed
         return
     try:
         print(printable(text), flush=True)
     except OSError as error:
-        if error.errno not in (errno.EPIPE, errno.EIO):
+        if error.errno not in ignored:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def note(text: str) -> None:
-    """Print what was done, unless --quiet."""
-    if not voice.quiet:
-        say(text)
 
 
 def remark(text: str) -> None:

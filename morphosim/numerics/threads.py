@@ -18,10 +18,23 @@ def available_processors() -> int:
 
 
 def most_threads() -> int:
-    """Most threads that Numba can use: NUMBA_NUM_THREADS as it was at the start."""
+    """Most threads that Numba can use: NUMBA_NUM_THREADS as it was at the start.
+
+    Raises
+    ------
+    ValueError
+        It is below 1.
+    """
     from numba import config
 
-    return int(config.NUMBA_NUM_THREADS)
+    threads = int(config.NUMBA_NUM_THREADS)
+    if threads < 1:
+        message = (
+            f"the environment variable NUMBA_NUM_THREADS = {threads} allows no thread; set it to "
+            "the number of threads, or leave it out"
+        )
+        raise ValueError(message)
+    return threads
 
 
 def automatic_threads() -> int:

@@ -2,7 +2,7 @@
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,8 @@ from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.directory import RunDirectory
 from morphosim.runs.identity import Identity
 from morphosim.runs.reader import read_run
-from morphosim.runs.save_facts import SaveFacts, whole_saves
-from morphosim.runs.saved_fields import load_fields, spacing, time_index_near
+from morphosim.runs.save_facts import SaveFacts, facts_of, whole_saves
+from morphosim.runs.saved_fields import load_fields, spacing, time_index
 from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.file import load_scene
 from morphosim.scene.fingerprint import first_difference, settings
@@ -56,9 +56,9 @@ def saved_state(directory: Path) -> tuple[Scene, Checkpoint | None]:
     scene = saved_scene(directory)
     if not files.saved and not files.restarts:
         return scene, None
-    saves = whole_saves(files)
-    state = _last_state(files, saves)
-    error = state.error or (saves[max(saves)].error if saves else "")
+    number, last = next(whole_saves(files), (-1, None))
+    state = _last_state(files, number, last)
+    error = state.error or ("" if last is None else last.error)
     if error:
         message = f"{directory} has ended by an error and cannot go on: {error}. {_branch(files)}"
         raise ValueError(message)
@@ -77,18 +77,18 @@ def _branch(files: RunDirectory) -> str:
     return f"Start a new run from its fields: morphosim run SCENE --from {files.path} -o NEW"
 
 
-def _last_state(files: RunDirectory, saves: Mapping[int, SaveFacts]) -> Checkpoint:
-    """The last state that is whole and belongs to the saves."""
+def _last_state(files: RunDirectory, at: int, last: SaveFacts | None) -> Checkpoint:
+    """The last state that is whole and belongs to the saves, of which `last` is number `at`."""
     faults: list[ValueError] = []
     again: Checkpoint | None = None
     for number in reversed(files.restarts):
         try:
             state = Checkpoint.read(files.restart(number))
-            _check_belongs(files.restart(number), state, saves, number)
+            _check_belongs(files, number, state, last)
         except ValueError as error:
             faults.append(error)
             continue
-        if number > max(saves, default=number) and state.steps <= saves[max(saves)].step:
+        if last is not None and number > at and state.steps <= last.step:
             again = state  # from a stage's end that went back; the run comes to it once more
             continue
         for fault in faults:
@@ -106,15 +106,17 @@ def _last_state(files: RunDirectory, saves: Mapping[int, SaveFacts]) -> Checkpoi
 
 
 def _check_belongs(
-    path: Path, state: Checkpoint, saves: Mapping[int, SaveFacts], number: int
+    files: RunDirectory, number: int, state: Checkpoint, last: SaveFacts | None
 ) -> None:
     """Raise ValueError unless a state is of the run of these saves, and of the save beside it."""
-    if saves and state.identity.id != saves[max(saves)].run_id:
+    path = files.restart(number)
+    if last is not None and state.identity.id != last.run_id:
         message = f"{path} is of another run than the saves in {path.parent}"
         raise ValueError(message)
-    if number not in saves:
+    save = facts_of(files.save(number))
+    if last is None or save is None or save.run_id != last.run_id:
         return
-    save, spacing = saves[number], state.settings["numerics"]["spacing"]
+    spacing = state.settings["numerics"]["spacing"]
     at = (("step", state.steps, save.step), ("cells", state.names, save.cells))
     for what, its, saved in at:
         if its != saved:
@@ -135,7 +137,7 @@ def branched_scene(
     See `Simulation.from_run`.
     """
     with read_run(directory) as run:
-        index = time_index_near(run, time)
+        index = time_index(run, time)
         fields = load_fields(run, index)
         if scene is None:
             scene = _scene_at(directory, run.isel(time=index), fields)
@@ -190,7 +192,7 @@ def _physics_at(directory: Path, step: int) -> dict[str, Any]:
     import netCDF4
 
     files = RunDirectory(directory)
-    for number, facts in whole_saves(files).items():
+    for number, facts in whole_saves(files):
         if facts.step == step:
             with netCDF4.Dataset(files.save(number)) as file:
                 return dict(json.loads(file.getncattr("physics")))

@@ -1,8 +1,9 @@
 """What saves say of themselves; which saves of a directory are whole, and of its run."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 from morphosim._files import guarded
 from morphosim.runs.directory import RunDirectory
+
+COMPARED = 9
+"""So many of the last saves tell which run a directory holds: a run may have thousands."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,24 +62,28 @@ class SaveFacts:
             )
 
 
-def whole_saves(files: RunDirectory) -> dict[int, SaveFacts]:
-    """What the saves of a run say, by number; those that are damaged, or of another, are left out.
+def whole_saves(files: RunDirectory) -> Iterator[tuple[int, SaveFacts]]:
+    """Numbers of a run's saves and what they say, from the last one down, each read when asked for.
 
-    Readers of the run (`reader.read_run`) warn of these.
+    Those that are damaged, or of another run than most of the last ones, are left out; readers of
+    the run (`reader.read_run`) warn of these.
     """
-    saves = {number: facts for number in files.saved if (facts := _facts(files.save(number)))}
-    ours = most_common(facts.run_id for facts in saves.values())
-    return {number: facts for number, facts in saves.items() if facts.run_id == ours}
+    asked = ((number, facts_of(files.save(number))) for number in reversed(files.saved))
+    whole = ((number, facts) for number, facts in asked if facts is not None)
+    last = list(islice(whole, COMPARED))
+    ours = most_common(facts.run_id for _, facts in last)
+    return (found for found in chain(last, whole) if found[1].run_id == ours)
+
+
+def facts_of(path: Path) -> SaveFacts | None:
+    """What a save says; None if it is not there, or damaged."""
+    try:
+        return SaveFacts.read(path)
+    except ValueError:
+        return None
 
 
 def most_common(ids: Iterable[str]) -> str:
     """The id that most saves of a directory have: that of its run; "" for no saves."""
     counts = Counter(ids)
     return max(counts, key=lambda run_id: counts[run_id], default="")
-
-
-def _facts(path: Path) -> SaveFacts | None:
-    try:
-        return SaveFacts.read(path)
-    except ValueError:
-        return None

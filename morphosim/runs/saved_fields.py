@@ -151,25 +151,18 @@ def save_count(run: xr.Dataset) -> int:
 
 
 def time_index(run: xr.Dataset, time: float | None) -> int:
-    """Index of the save nearest to `time`; the last save for None."""
-    count = save_count(run)
-    if time is None:
-        return count - 1
-    return int(np.abs(run["time"].values - _validate.number("time", time)).argmin())
-
-
-def time_index_near(run: xr.Dataset, time: float | None) -> int:
     """Index of the save nearest to `time`, if it is near; the last save for None.
 
     Raises
     ------
     ValueError
-        The nearest is further away than half the time between saves there.
+        It is negative, or the nearest is further away than half the time between saves there.
     """
-    index = time_index(run, time)
+    count = save_count(run)
     if time is None:
-        return index
+        return count - 1
     time, times = _validate.number("time", time, least=0), run["time"].values
+    index = int(np.abs(times - time).argmin())
     gap = np.diff(times)[max(index - 1, 0) : index + 1].max(initial=0)
     if np.abs(times[index] - time) > gap / 2 + CLOSE:
         message = (

@@ -17,7 +17,7 @@ from morphosim.runs.directory import RunDirectory
 from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.netcdf_variables import stored_variables
 from morphosim.runs.observed import Observed
-from morphosim.runs.save_facts import SaveFacts, whole_saves
+from morphosim.runs.save_facts import facts_of, whole_saves
 from morphosim.runs.save_file import write_save
 from morphosim.runs.shell import write_shell
 from morphosim.scene.file import save_scene
@@ -194,20 +194,18 @@ class RunWriter:
         ValueError
             The saves are of another run, or hold other variables.
         """
-        saves = whole_saves(self.files)
-        if saves and saves[max(saves)].run_id != simulation.identity.id:
-            message = (
-                f"{self.directory} holds the run of another simulation; take "
-                f"Simulation.from_run({str(self.directory)!r})"
-            )
-            raise ValueError(message)
-        before = [number for number, facts in saves.items() if facts.step <= simulation.steps]
-        if before:
-            self._number = max(before)
-            last = saves[self._number]
-            self._saved = last.step
-            self._marks.append(Positions(last.time, last.cells, last.centroid))
-            _check_variables(self.files.save(self._number))
+        for number, facts in whole_saves(self.files):
+            if facts.run_id != simulation.identity.id:
+                message = (
+                    f"{self.directory} holds the run of another simulation; take "
+                    f"Simulation.from_run({str(self.directory)!r})"
+                )
+                raise ValueError(message)
+            if facts.step <= simulation.steps:
+                self._number, self._saved = number, facts.step
+                self._marks.append(Positions(facts.time, facts.cells, facts.centroid))
+                _check_variables(self.files.save(number))
+                return
 
     def _write_scene(self, simulation: Observed) -> None:
         """Scene file, where a file can say the scene, and the shell to be drawn."""
@@ -263,9 +261,11 @@ class RunWriter:
     def _drop_between(self, steps: int) -> None:
         """Delete the saves before the last one that are not of an earlier step."""
         for number in reversed(self.files.saved[:-1]):
-            if SaveFacts.read(self.files.save(number)).step < steps:
+            facts = facts_of(self.files.save(number))
+            if facts is not None and facts.step < steps:
                 return
-            self.files.save(number).unlink()
+            if facts is not None:
+                self.files.save(number).unlink()
 
     def _gone(self, simulation: Observed) -> SaveError:
         message = (

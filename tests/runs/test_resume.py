@@ -39,6 +39,7 @@ from morphosim.errors import DamageWarning
 from morphosim.library.built_in import scene_names
 from morphosim.runs import checkpoint
 from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.save_facts import SaveFacts
 from morphosim.scene.fingerprint import first_difference, settings
 
 from ..helpers import EXPECTED_TO_FAIL
@@ -351,6 +352,27 @@ def test_the_state_of_another_run_is_refused(tmp_path: Path) -> None:
         shutil.copy(tmp_path / "b" / name, tmp_path / "a" / name)
     with pytest.raises(ValueError, match=r"restart-000001\.npz is of another run than the saves"):
         Simulation.from_run(tmp_path / "a")
+
+
+def test_a_run_of_many_saves_goes_on_from_the_last_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(scene(), tmp_path / "run", until=40)
+    for kind, first in (("save", 0), ("restart", 1)):
+        for number in range(2, first - 1, -1):
+            path = next((tmp_path / "run").glob(f"{kind}-{number:06d}.*"))
+            path.rename(path.with_stem(f"{kind}-{number + 200:06d}"))
+    for number in range(200):
+        shutil.copy(tmp_path / "run" / "save-000200.nc", tmp_path / "run" / f"save-{number:06d}.nc")
+    opened: list[Path] = []
+    read = SaveFacts._read
+    monkeypatch.setattr(
+        SaveFacts, "_read", classmethod(lambda cls, path: opened.append(path) or read(path))
+    )
+    again = Simulation.from_run(tmp_path / "run")
+    assert again.time == 40
+    again.run(until=40, observers=[RunWriter(tmp_path / "run", 20, resume=True)])
+    assert len(opened) < 30
 
 
 def test_a_state_newer_than_the_last_save_is_used(tmp_path: Path, whole: Simulation) -> None:
