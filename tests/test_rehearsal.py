@@ -48,6 +48,11 @@ def stage(name: str = "one", **options: Any) -> Stage:
     return Stage(**({"name": name, "end": Steady()} | options))
 
 
+def own(**values: Any) -> Any:
+    """Event of one's own that does nothing, with these attributes."""
+    return type("Own", (), {"apply": lambda self, simulation: None} | values)()
+
+
 def removal(*names: str) -> Removal:
     return Removal(cells=names)
 
@@ -155,6 +160,10 @@ def test_a_scene_file_is_rehearsed_as_well(what: str, tmp_path: Path) -> None:
         (lambda: stage(end=Steady), ("stage 'one': end.reached",)),
         (lambda: stage(events=[type("E", (), {"apply": lambda self: None})()]),
          ("stage 'one': events[0].apply", "called with 1 argument")),
+        (lambda: stage(events=[own(daughters="ab")]), ("events[0].daughters = 'ab' is not a",)),
+        (lambda: stage(rules=[own(daughters=["\x1b"])]), ("rules[0].daughters[0]", "control")),
+        (lambda: stage(rules=[own(makes="ab")]), ("rules[0].makes = 'ab' is not a list",)),
+        (lambda: stage(events=[own(rehearse=3)]), ("events[0].rehearse = 3 cannot be called",)),
     ],
 )  # fmt: skip
 def test_ends_and_events_are_checked_when_they_are_made(make: Callable, words: tuple) -> None:

@@ -90,8 +90,13 @@ class Stage:
 
 
 def _check_event(where: str, event: Any) -> None:
-    """Raise TypeError unless something is an event."""
+    """Raise TypeError or ValueError unless something is an event, and what it tells is right."""
     if not hasattr(event, "apply"):
         message = f"{where} = {_validate.brief(event)} is no event: it has no apply(simulation)"
         raise TypeError(message)
     _validate.function(f"{where}.apply", event.apply, 1)
+    if hasattr(event, "rehearse"):
+        _validate.function(f"{where}.rehearse", event.rehearse, 1)
+    for key in ("daughters", "makes"):
+        if hasattr(event, key):
+            _validate.labels(f"{where}.{key}", getattr(event, key), empty=key == "makes")

@@ -175,7 +175,7 @@ def _imagej_steps(path: Path, said: Mapping[str, Any] | None, ratios: Sequence[A
         if isinstance(ratio, tuple) and len(ratio) == 2 and min(ratio) > 0
     }  # fmt: skip
     if "spacing" in said:
-        steps["z"] = scale * abs(_number(f"{path}: spacing", said["spacing"]))
+        steps["z"] = scale * abs(_validate.parsed_number(f"{path}: spacing", said["spacing"]))
     return steps
 
 
@@ -183,7 +183,7 @@ def _ome_steps(path: Path, k: int, metadata: str) -> Steps:
     """Size of a voxel by axis that OME metadata state, µm."""
     said = _ome_said(path, k, metadata, "{*}Pixels")
     return {
-        letter: _number(f"{path}: {key}", said[key])
+        letter: _validate.parsed_number(f"{path}: {key}", said[key])
         * unit(f"{path}: {key}", said.get(f"{key}Unit", "µm"))
         for letter, key in ((letter, f"PhysicalSize{letter.upper()}") for letter in "xyz")
         if key in said and said.get(f"{key}Unit", "µm").lower() not in PIXEL
@@ -194,7 +194,8 @@ def _ome_first(path: Path, k: int, metadata: str | None) -> Steps:
     """Position of the first voxel by axis that OME metadata state in a unit of length, µm."""
     said = _ome_said(path, k, metadata, "{*}Pixels/{*}Plane[@TheZ='0']")
     return {
-        letter: _number(f"{path}: {key}", said[key]) * unit(f"{path}: {key}", said[f"{key}Unit"])
+        letter: _validate.parsed_number(f"{path}: {key}", said[key])
+        * unit(f"{path}: {key}", said[f"{key}Unit"])
         for letter, key in ((letter, f"Position{letter.upper()}") for letter in "xyz")
         if key in said and said.get(f"{key}Unit", REFERENCE_FRAME) != REFERENCE_FRAME
     }
@@ -209,7 +210,3 @@ def _ome_said(path: Path, k: int, metadata: str | None, place: str) -> Mapping[s
     images = guarded(path, lambda: ElementTree.fromstring(metadata)).findall("{*}Image")
     found = images[k].find(place) if k < len(images) else None
     return {} if found is None else found.attrib
-
-
-def _number(name: str, said: Any) -> float:
-    return _validate.parsed_number(name, said)
