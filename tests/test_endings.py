@@ -184,6 +184,23 @@ def test_what_is_sick_is_measured_without_an_error(kinds: tuple[str, str]) -> No
         np.testing.assert_array_equal(cells.semi_axes[0], alone.semi_axes[0])
 
 
+def test_a_volume_function_that_fails_is_named_and_the_last_state_is_saved(tmp_path: Path) -> None:
+    ball = Sphere(center=(0, 0, 0), radius=5)
+    cell = Cell(name="a", shape=ball, volume=lambda t: 1 / (t < 9) * 500)
+    simulation = Simulation(scene(cells=[cell]))
+    told_of = r"cell 'a': volume at t = .* cannot be computed: ZeroDivisionError: division by zero"
+    with pytest.raises(ValueError, match=told_of):
+        simulation.run(until=40, observers=[RunWriter(tmp_path / "run", 100)])
+    with open_run(tmp_path / "run") as run:
+        assert run["time"].values.tolist() == [0, simulation.time]
+
+
+@pytest.mark.parametrize("observers", [3, None, finish_all, [None], "x"])
+def test_what_is_no_observer_is_named(observers: Any) -> None:
+    with pytest.raises(TypeError, match=r"^observers? .* (is no sequence|has no method 'start')"):
+        Simulation(scene()).run(until=40, observers=observers)
+
+
 @EXPECTED_TO_FAIL
 def test_a_variable_that_fails_at_the_end_does_not_lose_the_last_state(tmp_path: Path) -> None:
     @measured(dims=("time", "cell"), units="1", text="a number")

@@ -17,17 +17,19 @@ if TYPE_CHECKING:
 
 MOST_AT_ONCE = 1 << 22
 """Variables of a packed run with more values are read when they are used."""
+SIGNATURES = (b"\x89HDF", b"CDF")
+"""So begin netCDF files of version 4, and before."""
 
 
 def read_run(path: str | Path) -> "xr.Dataset":
-    """One Dataset of a run, directory or packed file; see `accessor.open_run`.
+    """One Dataset of a run, directory or packed file, or of one save; see `accessor.open_run`.
 
     Raises
     ------
     FileNotFoundError
         There is no run at `path`.
     ValueError
-        All of its files are damaged.
+        All of its files are damaged, or it is a file of another kind.
 
     Warns
     -----
@@ -47,18 +49,30 @@ def read_run(path: str | Path) -> "xr.Dataset":
 
 
 def _packed(path: Path) -> "xr.Dataset":
-    """Dataset of a packed file, of whatever version, in the form of `merged`."""
+    """Dataset of a packed file, of whatever version, or of one save, in the form of `merged`."""
+    if path.suffix.lower() != ".nc" and not _is_netcdf(path):
+        message = f"{path} is no netCDF file; give the directory of a run, or a packed run"
+        raise ValueError(message)
     file = guarded(path, lambda: _opened(path))
     try:
         check_complete(path, "packed run", file.variables, file.attrs)
     except ValueError:
         file.close()
         raise
+    if "time" in file["parent"].dims and file.sizes["time"] == 1:  # a save, with groups
+        file.close()
+        return merged([Save.read(path)])
     run = with_coordinates(file)
     run.set_close(file.close)
     if "phi" in run and run["phi"].encoding["dtype"] == PACKED_PHI["dtype"]:
         run["phi"].encoding |= PACKED_PHI
     return run
+
+
+def _is_netcdf(path: Path) -> bool:
+    """Whether a file begins as netCDF files do."""
+    with path.open("rb") as file:
+        return file.read(4).startswith(SIGNATURES)
 
 
 def _opened(path: Path) -> "xr.Dataset":

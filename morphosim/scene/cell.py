@@ -102,9 +102,20 @@ def shape_parts(shape: Any) -> tuple[str, ...]:
 
 
 def volume_at(name: str, volume: float | VolumeFunction, time: float) -> float:
-    """Target volume of a cell at a time, µm³; ValueError if it is not positive and finite."""
-    value = volume(time) if callable(volume) else volume
-    return _validate.number(f"cell {name!r}: volume at t = {time:g}", value, above=0)
+    """Target volume of a cell at a time, µm³.
+
+    Raises
+    ------
+    ValueError
+        It is not positive and finite, or its function raises an error.
+    """
+    label = f"cell {name!r}: volume at t = {time:g}"
+    try:
+        value = volume(time) if callable(volume) else volume
+    except Exception as error:  # of a user's function
+        message = f"{label} cannot be computed: {type(error).__name__}: {error}"
+        raise ValueError(message) from error
+    return _validate.number(label, value, above=0)
 
 
 def check_values(name: str, values: Mapping[str, Any]) -> None:

@@ -1,6 +1,6 @@
 """What watches a run."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, TypeVar
 
 from morphosim.errors import told
@@ -23,6 +23,18 @@ class Observer(Protocol[S_contra]):
 
     def finish(self, simulation: S_contra) -> None:
         """After the last step, also when the run ends by an error or by Ctrl-C."""
+
+
+def check_observers(observers: "Iterable[Observer[Any]]") -> None:
+    """Raise TypeError unless these are a sequence of observers."""
+    if not isinstance(observers, Sequence):
+        message = f"observers = {observers!r} is no sequence; put it into a list"
+        raise TypeError(message)
+    for observer in observers:
+        for name in ("start", "after_step", "finish"):
+            if not callable(getattr(observer, name, None)):
+                message = f"observer {observer!r} has no method {name!r}; see Observer"
+                raise TypeError(message)
 
 
 def finish_all(

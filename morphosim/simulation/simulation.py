@@ -21,7 +21,7 @@ from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
-from morphosim.simulation.observers import Observer, finish_all
+from morphosim.simulation.observers import Observer, check_observers, finish_all
 from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.state import State
@@ -245,6 +245,7 @@ class Simulation(State):
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
         last = self.scene.numerics.steps_to(end)
+        check_observers(observers)
         started: list[Observer[Simulation]] = []
         staged = bool(self.scene.stages)
         ended: BaseException | None = None

@@ -247,3 +247,18 @@ def test_variables_of_a_run_are_plotted(run: xr.Dataset) -> None:
     figure = pytest.importorskip("matplotlib.figure").Figure()
     lines = run["volume"].plot.line(x="time", ax=figure.subplots())
     assert len(lines) == 6
+
+
+def test_one_save_opens_as_a_run_of_one_time(directory: Path) -> None:
+    with open_run(directory) as run, open_run(directory / "save-000003.nc") as save:
+        time = float(save["time"][0])
+        assert save["time"].values.tolist() == [float(run["time"][3])]
+        for cell in save["cell"].values.tolist():
+            np.testing.assert_array_equal(save.morpho.phi(cell), run.morpho.phi(cell, time))
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "restart-*.npz"])
+def test_a_file_of_a_run_that_is_no_run_is_called_that(name: str, directory: Path) -> None:
+    path = max(directory.glob(name))
+    with pytest.raises(ValueError, match=f"{path.name} is no netCDF file; give the directory"):
+        open_run(path)
