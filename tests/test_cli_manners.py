@@ -305,6 +305,18 @@ def test_overwriting_keeps_the_run_where_the_new_one_cannot_start(folder: Path, 
     assert content(folder) == before
 
 
+@pytest.mark.parametrize("name", ["scene.toml", "save-000009.nc"])
+def test_overwriting_deletes_nothing_where_a_directory_stands(name: str, call: Call) -> None:
+    call("run", "one.toml", "-o", "run", "--until", 4)
+    Path("run", name).unlink(missing_ok=True)
+    Path("run", name).mkdir()
+    before = sorted(Path("run").iterdir())
+    status, _, told = call("run", "one.toml", "-o", "run", "--overwrite")
+    assert (status, told.count("\n")) == (2, 1)
+    assert f"{name} is a directory, which is not replaced" in told
+    assert sorted(Path("run").iterdir()) == before
+
+
 def test_files_that_exist_are_replaced_only_if_asked(folder: Path, call: Call) -> None:
     call("run", "one.toml", "-o", "run", "--until", 2)
     Path("run-csv").mkdir()

@@ -89,9 +89,19 @@ class RunDirectory:
             raise FileExistsError(message)
 
     def clear(self) -> None:
-        """Delete the run, and no file but those of runs."""
-        self.drop_after(-1)
-        for file in self.described:
+        """Delete the run, and no file but those of runs.
+
+        Raises
+        ------
+        FileExistsError
+            A directory has the name of such a file; nothing is deleted then.
+        """
+        files = [*self.described, *self._after(-1)]
+        for file in files:
+            if file.is_dir():
+                message = f"{file} is a directory, which is not replaced; take another directory"
+                raise FileExistsError(message)
+        for file in files:
             file.unlink(missing_ok=True)
 
     def tidy(self) -> None:
@@ -108,11 +118,15 @@ class RunDirectory:
 
     def drop_after(self, number: int) -> None:
         """Delete what comes after a save."""
-        for path in [
+        for path in self._after(number):
+            path.unlink(missing_ok=True)
+
+    def _after(self, number: int) -> list[Path]:
+        """Saves and states that come after a save."""
+        return [
             *(self.save(k) for k in self.saved if k > number),
             *(self.restart(k) for k in self.restarts if k > number),
-        ]:
-            path.unlink(missing_ok=True)
+        ]
 
     def locked(self) -> Any:
         """Lock on the directory, held by this process until it is released or the process ends.
