@@ -320,6 +320,10 @@ def test_netcdf_with_other_names(tmp_path: Path) -> None:
     )
     with pytest.raises(ValueError, match="2 could be the labels"):
         read_labels(tmp_path / "b.nc", spacing=1)
+    data = xr.Dataset({"seg": (("x", "y", "z"), LABELS)})
+    data.to_netcdf(tmp_path / "c.nc", group="cells")
+    with pytest.raises(ValueError, match=r"c\.nc holds groups alone, 'cells', which are not read"):
+        read_labels(tmp_path / "c.nc", spacing=1)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim._files import guarded
+from morphosim._files import guarded, listed
 from morphosim.importers.labels.image_axes import (
     UNKNOWN,
     Found,
@@ -88,10 +88,21 @@ def _chosen(path: Path, data: Any, key: str | None) -> str:
     else as packed ones; else as others.
     """
     known = [str(name) for name in data.data_vars]
+    if not known and (groups := _groups(path)):
+        message = f"{path} holds groups alone, {listed(groups)}, which are not read. Take one out: "
+        raise ValueError(message + "xarray.open_dataset(path, group=name).to_netcdf(other)")
     images = [n for n in known if data[n].ndim in (3, 4) and data[n].dtype.kind in "biuf"]
     whole = [n for n in images if np.dtype(data[n].encoding.get("dtype", "f")).kind in "biu"]
     plain = [n for n in whole if not {"scale_factor", "add_offset"} & set(data[n].encoding)]
     return chosen_name(f"variable of {path}", key, known, plain or whole or images)
+
+
+def _groups(path: Path) -> list[str]:
+    """Names of the groups of a netCDF file, which only the newer kind has."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        return list(file.groups)
 
 
 def _letter(data: Any, dim: str) -> str:
