@@ -19,6 +19,8 @@ from morphosim.scene.term_tables import term_table
 FORMAT = 3
 """Version of the file; others are refused. Version 0.1 of the package wrote 1."""
 FACTS, BACK, DIGEST = "facts", "back:", "facts:digest"
+NEEDED = ("name", "shape", "phi")
+"""Arrays that every state has."""
 FIELDS = ("phi", "history", "band")
 """Arrays of all boxes, and what is known of each box."""
 
@@ -113,6 +115,10 @@ class Checkpoint:
 
     def _check(self, path: Path) -> None:
         """Raise ValueError if no simulation can be at this state."""
+        lacking = [name for name in NEEDED if name not in self.arrays]
+        if lacking:
+            message = f"{path}: the saved state has no array {lacking[0]!r}"
+            raise ValueError(message)
         count, shape = len(self.names), self.arrays["shape"]
         if len(set(self.names)) != count or shape.shape != (count, 3):
             message = f"{path}: the saved state has {count} names for {len(shape)} boxes of cells"

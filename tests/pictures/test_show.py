@@ -562,5 +562,5 @@ def test_notebook_shows_a_frame() -> None:
 
 def test_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match=r"the viewer needs the package pyvista; try: .*pictures"):
+    with pytest.raises(ImportError, match=r"needs the package pyvista; in a clone: .*pictures"):
         run_data(made_run([PAIR]))

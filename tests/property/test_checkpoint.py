@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as of_numpy
 
-from morphosim.runs.checkpoint import Checkpoint
+from morphosim.runs.checkpoint import FIELDS, NEEDED, Checkpoint
 
 plain = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=8)
 facts = st.recursive(
@@ -22,12 +22,18 @@ facts = st.recursive(
 )
 tables = st.dictionaries(st.text(max_size=5), facts, max_size=3)
 array_names = st.from_regex(r"[a-z][a-z_]{0,7}", fullmatch=True).filter(
-    lambda name: name != "facts"
+    lambda name: name not in ("facts", *NEEDED, *FIELDS)
 )
 arrays = of_numpy.arrays(
     st.sampled_from([np.dtype(kind) for kind in ("f4", "f8", "i4", "i8", "u8", "?")]),
     of_numpy.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4),
 )
+
+
+def cells(count: int) -> dict[str, np.ndarray]:
+    """What every state has of its cells."""
+    names = np.array([f"cell {k}" for k in range(count)], "U8")
+    return {"name": names, "shape": np.ones((count, 3), int), "phi": np.zeros(count)}
 
 
 def checkpoints(back: st.SearchStrategy[Checkpoint | None]) -> st.SearchStrategy[Checkpoint]:
@@ -40,7 +46,11 @@ def checkpoints(back: st.SearchStrategy[Checkpoint | None]) -> st.SearchStrategy
         removed=st.lists(st.tuples(st.floats(0, 1e6), st.text(max_size=5)), max_size=2).map(tuple),
         settings=tables,
         used=st.lists(st.text(max_size=5), max_size=2).map(tuple),
-        arrays=st.dictionaries(array_names, arrays, max_size=4),
+        arrays=st.builds(
+            lambda count, others: cells(count) | others,
+            st.integers(0, 3),
+            st.dictionaries(array_names, arrays, max_size=4),
+        ),
         volumes=st.dictionaries(st.text(max_size=5), st.none() | tables, max_size=2),
         progress=st.none() | tables,
         back=back,
