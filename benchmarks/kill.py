@@ -2,7 +2,8 @@
 
 A run is killed, opened with plain xarray, and gone on with, until it comes to its end; it is then
 compared, bit for bit, with one that was never interrupted. Saves are so frequent that many kills
-fall into one. Run as `python benchmarks/kill.py [--kills 40] [--scene celegans-8]`.
+fall into one. Run as `python benchmarks/kill.py [--kills 40] [--scene celegans-8] [--start 1.5]`;
+`--start` is the time, in seconds, in which a process does not write yet.
 """
 
 import random
@@ -21,8 +22,6 @@ from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.directory import RunDirectory
 
 MORPHOSIM = str(Path(sys.executable).with_name("morphosim"))
-START = 1.2
-"""Seconds in which a process does not write yet."""
 
 
 def begin(scene: str, folder: Path, until: float, every: float) -> list[str]:
@@ -65,13 +64,15 @@ def same_saves(a: Path, b: Path) -> bool:
                     return False
     x, y = (Checkpoint.read(files.restart(files.last)) for files in (first, second))
     return x.steps == y.steps and all(
-        np.array_equal(x.arrays[name], y.arrays[name]) for name in x.arrays
+        x.arrays[name].tobytes() == y.arrays[name].tobytes() for name in x.arrays
     )
 
 
 def main() -> None:
     """Kill, open and go on; report."""
-    options = arguments(__doc__, kills=40, scene="celegans-8", until=2400.0, every=2.0, seed=0)
+    options = arguments(
+        __doc__, kills=40, scene="celegans-8", until=2400.0, every=2.0, seed=0, start=1.5
+    )
     chance = random.Random(options.seed)
     with tempfile.TemporaryDirectory() as place:
         whole, parts = Path(place) / "whole", Path(place) / "parts"
@@ -82,7 +83,9 @@ def main() -> None:
         row = {"kills": 0, "during a save": 0, "opened": 0, "saves lost": 0, "ended": False}
         begun, held = time.perf_counter(), 0
         while not row["ended"]:
-            patience = START + 2.5 * chance.random() if row["kills"] < options.kills else 600
+            patience = (
+                options.start + 2.5 * chance.random() if row["kills"] < options.kills else 600
+            )
             command = begin(options.scene, parts, options.until, options.every)
             row["ended"], seen = kill_once(command, parts, patience)
             row["kills"] += not row["ended"]
