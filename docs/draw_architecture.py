@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import networkx as nx
@@ -28,6 +29,8 @@ BOX, GAP, ROW = (1.9, 0.62), 0.35, 1.15
 """Width and height of a box, least space between two, and distance of rows."""
 SCALE = 0.85
 """Inches of a unit."""
+LETTERS = 9.5
+"""Letters of the bar per unit."""
 SWEEPS = 8
 """Times that the order of the rows is improved."""
 
@@ -264,7 +267,7 @@ def draw_bar(axes: Any, names: list[str], low: float, high: float) -> None:
     look = {"boxstyle": "round,pad=0,rounding_size=0.08", "fc": "#f6f6f3", "ec": "#9a9a90"}
     corner = low, -ROW - BOX[1] / 2
     axes.add_patch(FancyBboxPatch(corner, high - low, BOX[1], linestyle="--", **look))
-    says = f"serve all: {', '.join(names)}"
+    says = fill(f"serve all: {', '.join(names)}", width=int(LETTERS * (high - low)))
     axes.text((low + high) / 2, -ROW, says, fontsize=9, ha="center", va="center", color="#55554c")
 
 
