@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, fields
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from morphosim.scene.term_tables import term_table
 
 FORMAT = 3
 """Version of the file; others are refused. Version 0.1 of the package wrote 1."""
-FACTS, BACK, DIGEST = "facts", "back:", "facts:digest"
+FACTS, BACK, DIGEST = "facts", "back:", "digest"
 NEEDED = ("name", "shape", "phi")
 """Arrays that every state has."""
 FIELDS = ("phi", "history", "band")
@@ -73,9 +74,11 @@ class Checkpoint:
             The physics have a term that no file can say.
         """
         arrays = self._packed("")
-        arrays[DIGEST] = np.array(_digest(arrays))
-        with replacing(path) as partial, partial.open("wb") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]
+        with replacing(path) as partial:
+            with partial.open("wb") as file:
+                np.savez(file, **arrays)  # type: ignore[arg-type]
+            with ZipFile(partial, "a") as archive:
+                archive.writestr(DIGEST, _digest(archive))
 
     def _packed(self, prefix: str) -> dict[str, NDArray[Any]]:
         """Arrays of a file, with this before their names."""
@@ -96,7 +99,7 @@ class Checkpoint:
         ValueError
             It is damaged, has been changed since, or is of another version.
         """
-        arrays = guarded(path, lambda: _arrays(path))
+        arrays, is_as_written = guarded(path, lambda: _arrays(path))
         facts = guarded(path, lambda: dict(json.loads(str(arrays[FACTS]))))
         if facts.get("format") != FORMAT:
             here, there = versions()["morphosim"], facts.get("version", "0.1.0")
@@ -106,7 +109,7 @@ class Checkpoint:
                 f"morphosim run SCENE --from {path.parent} -o NEW"
             )
             raise ValueError(message)
-        if str(arrays.pop(DIGEST, "")) != _digest(arrays):
+        if not is_as_written:
             message = f"{path} has been changed since it was written: it does not fit its digest"
             raise ValueError(message)
         state = guarded(path, lambda: cls._unpacked(arrays))
@@ -162,16 +165,17 @@ def _refused(item: Any) -> Any:
     raise ValueError(message)
 
 
-def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], bool]:
+    """Arrays of a file, and whether they are those that were written."""
+    with ZipFile(path) as archive:
+        said = archive.read(DIGEST).decode() if DIGEST in archive.namelist() else ""
+        is_as_written = said == _digest(archive)
     with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+        return {name: file[name] for name in file.files if name != DIGEST}, is_as_written
 
 
-def _digest(arrays: Mapping[str, NDArray[Any]]) -> str:
-    """Text that is another one if any array is."""
-    found = sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {array.dtype.str} {array.shape} ".encode())
-        found.update(array.reshape(-1).view(np.uint8).data)
-    return found.hexdigest()
+def _digest(archive: ZipFile) -> str:
+    """Text that is another one if any array is: of the checksums that a zip file has of each."""
+    parts = [part for part in archive.infolist() if part.filename != DIGEST]
+    said = sorted((part.filename, part.file_size, part.CRC) for part in parts)
+    return sha256(repr(said).encode()).hexdigest()
