@@ -1,6 +1,5 @@
 """Arrays of files of label images: which axis is which, which time, and how large they may be."""
 
-import os
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim._files import listed
+from morphosim.provenance import memory
 
 Steps = Mapping[str, float]
 """Lengths in µm by the letter of an axis."""
@@ -161,12 +161,9 @@ def unit(name: str, said: str) -> float:
 
 def check_memory(where: str, size: int) -> None:
     """Raise ValueError if an array of so many bytes is more than the machine has memory for."""
-    if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
-        return  # then the array asks for it, and `guarded` tells if it is too much
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if size > memory:
+    if size > memory():
         message = (
             f"{where} says that it holds {size / 1e9:.4g} GB, and the machine has "
-            f"{memory / 1e9:.4g} GB of memory: the file is damaged, or take a part of the image"
+            f"{memory() / 1e9:.4g} GB of memory: the file is damaged, or take a part of the image"
         )
         raise ValueError(message)
