@@ -18,6 +18,16 @@ TAIL = 1e-9
 """Start fields are laid out to where their profile falls below this."""
 EXPECTED_TO_FAIL = pytest.mark.filterwarnings("ignore::morphosim.scene.stability.StabilityWarning")
 """For tests of scenes that are beyond what is stable."""
+ONE_CELL = """
+duration = 8
+save_every = 4
+[numerics]
+threads = 1
+[[cells]]
+name = "a"
+shape = { kind = "sphere", center = [0, 0, 0], radius = 3 }
+"""
+"""Scene file."""
 StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 

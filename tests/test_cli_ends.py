@@ -12,22 +12,14 @@ import pytest
 from morphosim import Simulation, load_scene, open_run
 from morphosim.cli import main
 
-SCENE = """
-duration = 8
-save_every = 4
-[numerics]
-threads = 1
-[[cells]]
-name = "a"
-shape = { kind = "sphere", center = [0, 0, 0], radius = 3 }
-"""
+from .helpers import ONE_CELL
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Working directory with a scene file of one cell."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "one.toml").write_text(SCENE)
+    (tmp_path / "one.toml").write_text(ONE_CELL)
     return tmp_path
 
 

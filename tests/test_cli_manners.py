@@ -20,16 +20,9 @@ from morphosim.kernels import _jit
 from morphosim.scene.fingerprint import settings
 from morphosim.simulation.compilation import compilation_told
 
+from .helpers import ONE_CELL
+
 NAME = "зел-細胞"
-SCENE = """
-duration = 8
-save_every = 4
-[numerics]
-threads = 1
-[[cells]]
-name = "a"
-shape = { kind = "sphere", center = [0, 0, 0], radius = 3 }
-"""
 DIVISION = """
 [[stages]]
 name = "one"
@@ -51,9 +44,9 @@ Call = Callable[..., tuple[int, str, str]]
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Working directory with scene files: of one cell, of one that divides, of one with a name."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "one.toml").write_text(SCENE)
-    (tmp_path / "two.toml").write_text(SCENE.replace("radius = 3", "radius = 4") + DIVISION)
-    (tmp_path / "named.toml").write_text(SCENE.replace('"a"', f'"{NAME}"'), encoding="utf-8")
+    (tmp_path / "one.toml").write_text(ONE_CELL)
+    (tmp_path / "two.toml").write_text(ONE_CELL.replace("radius = 3", "radius = 4") + DIVISION)
+    (tmp_path / "named.toml").write_text(ONE_CELL.replace('"a"', f'"{NAME}"'), encoding="utf-8")
     return tmp_path
 
 
