@@ -1,105 +1,26 @@
 """The application in a real browser: import, change, run, look, export."""
 
-import contextlib
 import socket
-import subprocess
-import sys
 import urllib.error
 import urllib.request
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
-from openpyxl import Workbook
-from scipy.io import savemat
 
+from tests.app.application import (
+    cells_seen,
+    choose,
+    read_example,
+    served,
+    state,
+    wait,
+    write_example,
+)  # fmt: skip
 from tests.pictures.browser import chromium, reason_for_none
 
-if TYPE_CHECKING:
-    from playwright.sync_api import FrameLocator, Page
-
 pytest.importorskip("trame_vuetify", reason="trame is not installed")
-NAMES = ["A", "B", "C"]
-GRID = (120, 80, 60)
-"""Voxels of 0.5 µm: the published eggshell's domain."""
-STATE = "(key) => window.trame.state.state[key]"
-PATIENCE = 180_000
-"""Milliseconds; the first step may compile kernels."""
-
-
-@contextmanager
-def served(folder: Path, *options: str) -> Iterator[str]:
-    """Address of an application that serves a folder."""
-    command = "from morphosim.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", command, "app", "--folder", str(folder), "--no-open", *options],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        assert process.stdout is not None
-        yield process.stdout.readline().split()[-1]
-    finally:
-        process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(30)
-        process.kill()
-        process.wait()
-        process.stdout.close()
-
-
-def write_example(folder: Path) -> None:
-    """Three balls as the published program's files: masks with axes y, x, z, and a table."""
-    grid = np.meshgrid(*map(np.arange, GRID), indexing="ij", sparse=True)
-    masks = np.empty((3, 1), object)
-    for k, x in enumerate((42, 60, 78)):
-        distance = sum((p - o) ** 2 for p, o in zip(grid, (x, 40, 30), strict=True))
-        masks[k, 0] = (distance < 9.0**2).astype(np.uint8).transpose(1, 0, 2)
-    savemat(folder / "masks.mat", {"Mask": masks})
-    book = Workbook()
-    for row in (["", *NAMES], ["A", 0, 0.1, 0.2], ["B", 0.3, 0, 0.4], ["C", 0.5, 0.6, 0]):
-        book.active.append(row)
-    book.save(folder / "table.xlsx")
-
-
-def wait(page: "Page", condition: str) -> None:
-    """Wait until an expression of the page's `state` is true."""
-    known = "const state = window.trame?.state?.state;"
-    page.wait_for_function(
-        f"() => {{ {known} return state?.cells && ({condition}); }}", timeout=PATIENCE
-    )
-
-
-def state(page: "Page", key: str) -> Any:
-    return page.evaluate(STATE, key)
-
-
-def choose(page: "Page", **values: object) -> None:
-    """Set values of the state as the page's choices do."""
-    page.evaluate("(values) => window.trame.state.update(values)", values)
-
-
-def cells_seen(viewer: "FrameLocator") -> int:
-    """Colours in the picture of a viewer that are no background: grey, or nearly white."""
-    from io import BytesIO
-
-    from PIL import Image
-
-    shot = viewer.locator("canvas").first.screenshot()
-    pixels = np.asarray(Image.open(BytesIO(shot)).convert("RGB")).astype(int)
-    coloured = pixels[np.ptp(pixels, axis=2) > 60]
-    return len(np.unique(coloured // 64, axis=0)) if len(coloured) > 500 else 0
-
-
-def read_example(page: "Page") -> None:
-    page.get_by_role("button", name="Masks and table").click()
-    choose(page, masks="masks.mat", table="table.xlsx")
-    page.get_by_role("button", name="Read files").click()
-    wait(page, "state.cells.length === 3 && !state.reading")
 
 
 @pytest.mark.skipif(bool(reason_for_none()), reason=reason_for_none())
@@ -134,7 +55,7 @@ def test_import_run_look_and_export(tmp_path: Path) -> None:
         page.wait_for_timeout(500)
         assert cells_seen(live) >= 3
 
-        choose(page, look_name=name)
+        choose(page, "Run", name)
         page.get_by_role("button", name="Open", exact=True).click()
         wait(page, "state.opened && !state.opening && state.times.length === 5")
         viewer = page.frame_locator("#run-viewer")
@@ -199,7 +120,7 @@ def test_pause_stop_and_resume(tmp_path: Path) -> None:
         page.get_by_role("button", name="Stop").click()
         wait(page, "state.status === 'idle' && state.run_note")
         assert "is stopped and saved" in state(page, "run_note")
-        choose(page, look_name=state(page, "run_title"))
+        choose(page, "Run", state(page, "run_title"))
         page.get_by_role("button", name="Open", exact=True).click()
         wait(page, "state.opened && !state.opening")
         assert state(page, "can_resume"), (state(page, "about"), state(page, "look_error"))

@@ -2,7 +2,8 @@
 //
 // The state `live_stream` and `run_stream`, {key, count}, say what a viewer shows: part 0 of the
 // stream `key` opens it, the parts up to `count` are frames that follow. `run_cell` and
-// `run_index` say what is chosen. What viewers tell goes to the trigger `viewer_said`.
+// `run_index` say what is chosen. What viewers tell goes to the trigger `viewer_said`. And the order
+// of what the page tells the server: see `putInOrder`.
 (() => {
   const wanted = { live: null, run: null };
   const shown = { live: null, run: null };
@@ -79,9 +80,29 @@
     }
   });
 
+  // What is asked for comes after the values that controls have changed: trame sends these later
+  // than a trigger of the same event, and not at all while it waits for an answer. So each trigger,
+  // whatever control it is of, first lets all handlers of its event run and sends what they say.
+  function putInOrder(trame) {
+    const pull = trame.trigger;
+    let last = Promise.resolve();
+    trame.trigger = (...request) => {
+      const sent = last.then(() => allSaid(trame));
+      last = sent.catch(() => {}); // a request that fails holds up no other
+      return sent.then(() => pull(...request));
+    };
+  }
+
+  async function allSaid(trame) {
+    do await new Promise((done) => setTimeout(done));
+    while (trame.client.isBusy());
+    await trame.state.flush();
+  }
+
   function watch() {
     const state = window.trame?.state;
     if (!state) return setTimeout(watch, 50);
+    putInOrder(window.trame);
     for (const id of ["live", "run"]) {
       state.watch([`${id}_stream`], (stream) => {
         wanted[id] = stream;
