@@ -80,11 +80,13 @@ class Lower:
             self._state.look_name = self._state.runs[0]
 
     async def run_ended(self, name: str) -> None:
-        """Offer a run that has just ended."""
+        """Offer a run that has just ended; if it is open, what has been added is shown too."""
         with self._state as state:
             self.list_runs()
             if name in state.runs:
                 state.look_name = name
+        if name == self.opened == state.look_name:
+            await self.open()
 
     async def open(self) -> None:
         """Open the chosen run: the last save at once, the others when they are ready."""

@@ -73,7 +73,7 @@ def _export(lower: Lower, background: Background) -> None:
         v3.VBtn("Break off", size="small", variant="text", click=lower.break_off)
     with html.P(v_for="file in made", key="file.name", classes="note"):
         html.Span("{{ file.what }}: ")
-        html.A("{{ file.name }}", href=("file.link",))
+        html.A("{{ file.name }}", href=("file.link",), download=True)
 
 
 def _make(text: str, click: object) -> None:

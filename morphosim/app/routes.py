@@ -109,16 +109,20 @@ def _file_handler(store: Store) -> Handler:
             return await _send_folder(request, path)
         if not path.is_file():
             raise web.HTTPNotFound
-        return web.FileResponse(path, headers={"Content-Disposition": "attachment"})
+        return web.FileResponse(path, headers=_attachment(path.name))
 
     return handle
+
+
+def _attachment(name: str) -> dict[str, str]:
+    """Headers of a file to save, which no browser is to show in place of the page."""
+    return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
 
 
 async def _send_folder(request: web.Request, folder: Path) -> web.StreamResponse:
     with tempfile.TemporaryFile() as file:
         await asyncio.to_thread(_zip, folder, file)
-        name = f"attachment; filename*=UTF-8''{quote(folder.name)}.zip"
-        response = web.StreamResponse(headers={"Content-Disposition": name})
+        response = web.StreamResponse(headers=_attachment(f"{folder.name}.zip"))
         response.content_type, response.content_length = "application/zip", file.tell()
         await response.prepare(request)
         file.seek(0)

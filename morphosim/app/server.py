@@ -14,13 +14,21 @@ from morphosim.app.lower import STATE as LOWER_STATE
 from morphosim.app.lower import Lower
 from morphosim.app.routes import Streams, add_routes
 from morphosim.app.store import Store
+from morphosim.app.upper import SOURCE_KEYS, Upper
 from morphosim.app.upper import STATE as UPPER_STATE
-from morphosim.app.upper import Upper
 
 _log = logging.getLogger(__name__)
 STATIC = Path(__file__).with_name("static")
 ANYWHERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 """Hosts that listen at all addresses of this machine, and one of these."""
+LOST = """
+<div class="lost">
+  <h1>MorphoSim does not answer</h1>
+  <p>It has been ended, or the connection is lost. What it had saved is in its folder, a run that
+  went on too. This page comes back as soon as it answers here again.</p>
+</div>
+"""
+"""What the page shows where the connection is lost."""
 Tell = Callable[[str], None]
 
 
@@ -42,7 +50,7 @@ class Application:
         self.store, self.access, self.streams = store, access, Streams()
         state = self.server.state
         state.update(UPPER_STATE | LOWER_STATE | {"folder": str(store.root)})
-        state.trame__title = "MorphoSim"
+        state.update({"trame__title": "MorphoSim", "trame__template_error": LOST})
         self.lower = Lower(state, store, self.streams)
         self.upper = Upper(state, store, self.streams, self.lower.run_ended)
         self._tasks: set[asyncio.Task[None]] = set()
@@ -81,8 +89,12 @@ class Application:
         controller = self.server.controller
         controller.on_server_bind.add(self._bound)
         controller.on_server_ready.add(self._ready)
+        self.server.state.change(*SOURCE_KEYS)(self._compare)
         self.server.trigger("viewer_said")(self._viewer_said)
         self.server.trigger("uploaded")(self._uploaded)
+
+    def _compare(self, **_: Any) -> None:
+        self.upper.compare()
 
     def _bound(self, web_server: Any) -> None:
         """Guard the server before it answers anything."""

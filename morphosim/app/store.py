@@ -1,6 +1,7 @@
 """The folder that the application was started in: it reads and writes nothing outside of it."""
 
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -99,13 +100,28 @@ class Store:
         return place
 
     def free(self, name: str) -> Path:
-        """Path of a file or folder to write: `name`, or name-2, name-3, … if there is one."""
+        """Path of a file or folder to write: `name`, or name-2, name-3, … if there is one.
+
+        After a `name` that is name-2 itself comes name-3.
+        """
         first = place = self.path(name)
+        numbered = re.fullmatch(r"(.+)-\d+", first.stem)
+        if numbered and (before := first.with_name(numbered[1] + first.suffix)).exists():
+            first = before
         count = 1
         while place.exists():
             count += 1
             place = first.with_name(f"{first.stem}-{count}{first.suffix}")
         return place
+
+    def free_name(self, name: str) -> str:
+        """`name` as long as a run could have it, otherwise one like it."""
+        try:
+            return self.name(self.new_run(name))
+        except FileExistsError:
+            return self.name(self.free(name))
+        except ValueError:
+            return name
 
     @contextmanager
     def receiving(self, name: str) -> Iterator[tuple[str, Callable[[bytes], None]]]:

@@ -17,6 +17,13 @@ FILES = {"mask_files": MASKS, "table_files": TABLES, "image_files": IMAGES}
 """Lists of files to import, and their endings."""
 MOST_IN_TABLE = 24
 """Cells up to which the whole attraction matrix can be edited; beyond, one pair at a time."""
+SOURCES = {
+    "built-in": {"scene": "scene_name"},
+    "matlab": {"masks": "masks", "table": "table", "shell": "shell_file", "spacing": "voxel"},
+    "labels": {"image": "image", "table": "table", "spacing": "voxel"},
+}  # fmt: skip
+"""Of each tab, what of a `Source` its controls say, and the states where they say it."""
+SOURCE_KEYS = sorted({"source_kind"}.union(*(keys.values() for keys in SOURCES.values())))
 FIRST = "celegans-8"
 STARTING = "starting"
 
@@ -30,6 +37,7 @@ STATE = {
     "presets": list(PRESET_NAMES), "shell": True, "run_name": "runs/test", "form_error": "",
     "status": "idle", "run_title": "", "progress": 0, "progress_text": "", "run_error": "",
     "run_note": "", "warnings": [], "live_stream": {"key": "", "count": 0}, "reading": False,
+    "fits": False, "run_end": "",
     "most_in_table": MOST_IN_TABLE, "first_picture": 0.0,
 }  # fmt: skip
 """What the upper half shows at first."""
@@ -50,9 +58,11 @@ class Upper:
         self, state: Any, store: Store, streams: Streams, ended: Callable[[str], Awaitable[None]]
     ) -> None:
         self._state, self._store, self._streams, self._ended = state, store, streams, ended
-        self._source, self._runs, self._began = Source(), 0, 0.0
+        self._runs, self._began = 0, 0.0
+        self._source: Source | None = None  # what the form holds
         self._reading: Source | None = None
         self._until: float | None = None
+        self._told: dict[str, Any] | None = None
         self._desk: Desk | None = None
 
     async def start(self) -> None:
@@ -73,15 +83,28 @@ class Upper:
         with self._state as state:
             state.update(found)
 
+    def chosen(self) -> Source:
+        """What the controls of the chosen tab say."""
+        state, kind = self._state, self._state.source_kind
+        said = {field: state[key] or "" for field, key in SOURCES[kind].items()}
+        return Source(kind=kind, **said)
+
+    def compare(self) -> None:
+        """Find out whether the form holds what the chosen tab says; it is shown only then."""
+        self._state.fits = self.chosen() == self._source
+
+    async def choose_kind(self) -> None:
+        """Show what the chosen tab says: a scene of the list is read at once, files when told."""
+        with self._state as state:
+            self._reading, state.reading, state.form_error = None, False, ""
+            self.compare()
+        if state.source_kind == "built-in" and not state.fits:
+            await self.read_source()
+
     async def read_source(self) -> None:
         """Read the chosen scene or files, and fill the form with what is there."""
         state = self._state
-        source = Source(
-            kind=state.source_kind, scene=state.scene_name, masks=state.masks or "",
-            table=state.table or "", shell=state.shell_file or "", image=state.image or "",
-            spacing=state.voxel or "",
-        )  # fmt: skip
-        self._reading = source
+        source = self._reading = self.chosen()
         with state:
             state.reading, state.form_error = True, ""
         found, words = None, ""
@@ -96,6 +119,7 @@ class Upper:
             if found is not None:
                 self._source = source
                 self._fill(found)
+            self.compare()
 
     def _fill(self, found: dict[str, Any]) -> None:
         state = self._state
@@ -127,7 +151,7 @@ class Upper:
         """What the form says now."""
         state = self._state
         return Settings(
-            source=self._source,
+            source=self._source or self.chosen(),
             names=[cell["name"] for cell in state.cells],
             sigma=state.sigma,
             duration=state.duration,
@@ -143,6 +167,8 @@ class Upper:
         await self._do(
             self._state.run_name, worker.simulate, settings=self.settings(), store=self._store
         )
+        with self._state as state:
+            state.run_name = self._store.free_name(state.run_name)
 
     async def resume(self, name: str) -> None:
         """Go on with a saved run."""
@@ -171,20 +197,22 @@ class Upper:
         if self._desk is None or self._state.status != "idle":
             return
         self._begin(name)
-        error, note = "", f"{name} is saved"
+        end, error, note = "finished", "", f"{name} is saved"
         try:
             await self._desk.do(job, self._heard, **arguments)
         except JobError as failure:
-            error, note = str(failure), ""
+            end, error, note = "failed", str(failure), ""
         except Stopped:
-            note = f"{name} is stopped and saved; Resume goes on with it"
+            end, note = "stopped", f"{name} is stopped and saved; Resume goes on with it"
         with self._state as state:
-            state.status, state.run_error, state.run_note = "idle", error, note
-            state.progress = state.progress if error or "stopped" in note else 100
+            state.status, state.run_end, state.run_error, state.run_note = "idle", end, error, note
+            state.progress = 100 if end == "finished" else state.progress
+            state.progress_text = progress_text(self._told, self._until) if self._told else ""
         await self._ended(name)
 
     def _begin(self, name: str) -> None:
         self._began = time.perf_counter()
+        self._told, self._until = None, None
         self._streams.drop(self._state.live_stream["key"])
         with self._state as state:
             state.status, state.run_title, state.progress = "starting", name, 0
@@ -223,6 +251,7 @@ class Upper:
     def _hear_progress(self, state: Any, found: dict[str, Any]) -> None:
         state.progress = round(100 * found["share"], 1)
         state.progress_text = progress_text(found, self._until)
+        self._told = found | {"seconds_left": None}  # in the end nothing is left
 
     def _hear_paused(self, state: Any, content: None) -> None:
         state.status = "paused"

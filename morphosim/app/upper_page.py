@@ -9,6 +9,8 @@ from morphosim.app.routes import VIEWER
 from morphosim.app.upper import FILES, Upper
 from morphosim.app.widgets import Background, alert, choice, field, plain_input, upload
 
+SHOWN = "cells.length && (fits || (reading && source_kind === 'built-in'))"
+"""Whether the form is shown: what it holds is of the chosen tab, or about to be."""
 IDLE = "status === 'idle'"
 TYPED = "cells.some(c => c.type)"
 MATRIX = "cells.length > 1 && cells.length <= most_in_table"
@@ -23,7 +25,10 @@ def build(upper: Upper, background: Background) -> None:
     with v3.VRow(classes="half"):
         with v3.VCol(cols=12, lg=5):
             _source(upper, background)
-            with html.Div(v_if=("cells.length",)):
+            with html.Div(
+                v_if=(SHOWN,), classes=("{ stale: reading }",), inert=("reading",),
+                __properties=["inert"],
+            ):  # fmt: skip
                 _cells()
                 _pair(upper)
                 _numbers()
@@ -37,7 +42,7 @@ def _source(upper: Upper, background: Background) -> None:
     html.H2("Simulate")
     with v3.VBtnToggle(
         v_model=("source_kind",), mandatory=True, divided=True, density="compact", color="primary",
-        variant="outlined", classes="mb-3",
+        variant="outlined", classes="tabs mb-3", update_modelValue=background(upper.choose_kind),
     ):  # fmt: skip
         v3.VBtn("Built-in scene", value="built-in")
         v3.VBtn("Masks and table", value="matlab")
@@ -61,7 +66,15 @@ def _source(upper: Upper, background: Background) -> None:
         )
         v3.VBtn("Read files", color="primary", variant="tonal", click=read, loading=("reading",))
     alert("form_error", "error")
-    html.P("{{ description }}", v_if=("description && source_kind === 'built-in'",), classes="note")
+    html.P(
+        "The cells are shown when the files are read.",
+        v_if=("source_kind !== 'built-in' && !fits && !reading",), classes="note",
+    )  # fmt: skip
+    html.P(
+        "{{ description }}",
+        v_if=("description && fits && source_kind === 'built-in'",),
+        classes="note",
+    )
 
 
 def _file(list_files: Callable[..., None], label: str, name: str, items: str) -> None:
@@ -158,7 +171,7 @@ def _progress(upper: Upper) -> None:
         _command("Pause", upper.pause, "status === 'running'")
         _command("Go on", upper.go_on, "status === 'paused'")
         _command("Stop", upper.stop, "status === 'running' || status === 'paused'")
-        html.Span("{{ status === 'idle' ? 'ended' : status }}", classes="note", id="status")
+        html.Span("{{ status === 'idle' ? run_end : status }}", classes="note", id="status")
     v3.VProgressLinear(
         v_if=("run_title",), model_value=("progress",), color="primary", height=6,
         indeterminate=("status === 'starting'",), rounded=True,

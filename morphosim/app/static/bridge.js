@@ -99,10 +99,26 @@
     await trame.state.flush();
   }
 
+  // trame hangs up whenever the page may be left, which a link that downloads does not do.
+  window.addEventListener("beforeunload", (event) => event.stopImmediatePropagation(), true);
+
+  const FAREWELL = 2000; // ms in which a server that ends may still answer
+
+  // Where the connection is lost the page says so, see `LOST`; it comes back with the server.
+  async function comeBack() {
+    const answer = await fetch(window.location.href).catch(() => null);
+    if (answer?.ok) window.location.reload();
+    else setTimeout(comeBack, 1000);
+  }
+
+  // A browser that goes back may show the page as it was left, without its connection.
+  window.addEventListener("pageshow", (event) => event.persisted && window.location.reload());
+
   function watch() {
     const state = window.trame?.state;
     if (!state) return setTimeout(watch, 50);
     putInOrder(window.trame);
+    window.trame.client.onConnectionClose(() => setTimeout(comeBack, FAREWELL));
     for (const id of ["live", "run"]) {
       state.watch([`${id}_stream`], (stream) => {
         wanted[id] = stream;
@@ -120,8 +136,10 @@
     const file = event.target?.files?.[0];
     if (!name || !file) return;
     const address = `files/${encodeURIComponent(file.name)}`;
-    const answer = await fetch(address, { method: "POST", body: file });
-    window.trame.trigger("uploaded", [name, answer.ok, await answer.text()]);
-    event.target.value = "";
+    const sent = fetch(address, { method: "POST", body: file });
+    const failed = (error) => [name, false, `${file.name} could not be sent: ${error.message}`];
+    const told = sent.then(async (answer) => [name, answer.ok, await answer.text()], failed);
+    window.trame.trigger("uploaded", await told);
+    event.target.value = ""; // so that the same file can be sent again
   });
 })();

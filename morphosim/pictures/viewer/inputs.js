@@ -70,6 +70,7 @@ function connectMouse(viewer) {
 }
 
 function key(viewer, event) {
+  if (byId("app").inert) return;
   const typing = event.target.matches("input[type=search], input[type=range], input[type=radio], select");
   if (event.ctrlKey || event.metaKey || event.altKey || (typing && event.key !== "Escape")) return;
   const { timeline } = viewer;

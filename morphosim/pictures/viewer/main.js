@@ -123,6 +123,7 @@ class Viewer {
     this.embryo.widenBounds();
     this.shown = index;
     byId("notice").hidden = true;
+    byId("app").inert = false;
     this.refresh();
     if (told) tell("shown", { index });
     const next = data.frames[index + 1];
