@@ -85,6 +85,7 @@ _EXPORTS = {
     "Scene": "scene.scene",
     "StabilityWarning": "scene.stability",
     "Stage": "scene.stages",
+    "Observer": "simulation.observers",
     "ProgressBar": "simulation.progress_bar",
     "relaxed": "simulation.relaxation",
     "Simulation": "simulation.simulation",
@@ -141,6 +142,7 @@ if TYPE_CHECKING:
     from morphosim.scene.scene import Scene
     from morphosim.scene.stability import StabilityWarning
     from morphosim.scene.stages import Stage
+    from morphosim.simulation.observers import Observer
     from morphosim.simulation.progress_bar import ProgressBar
     from morphosim.simulation.relaxation import relaxed
     from morphosim.simulation.simulation import Simulation
@@ -176,6 +178,7 @@ __all__ = [
     "MaskWalls",
     "Measurement",
     "Numerics",
+    "Observer",
     "Physics",
     "PhysicsChange",
     "ProgressBar",

@@ -1,11 +1,8 @@
 """The table of living cells against lists kept by hand."""
 
-import doctest
-
 import numpy as np
 import pytest
 
-import morphosim.cell_table
 from morphosim.cell_table import CellTable, Column
 
 COLUMNS = (
@@ -30,10 +27,6 @@ def table(count: int = 5) -> CellTable:
         [["", "soft"][k % 2] for k in range(count)],
     )
     return cells
-
-
-def test_docstring() -> None:
-    assert doctest.testmod(morphosim.cell_table).failed == 0
 
 
 def test_division_follows_what_columns_declare() -> None:

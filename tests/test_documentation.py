@@ -1,9 +1,11 @@
 """What the README and the examples say works."""
 
+import doctest
 import re
 import runpy
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -185,3 +187,15 @@ def test_documents_name_every_format_of_an_export(name: str) -> None:
     assert re.search(rf"morphosim export .*\b{name}`", README)
     assert export.__doc__ is not None
     assert f'"{name}"' in export.__doc__
+
+
+def modules_with_examples() -> Iterator[str]:
+    for path in sorted((ROOT / "morphosim").rglob("*.py")):
+        if ">>> " in path.read_text(encoding="utf-8"):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            yield ".".join(parts).removesuffix(".__init__")
+
+
+@pytest.mark.parametrize("name", list(modules_with_examples()))
+def test_docstrings_say_what_happens(name: str) -> None:
+    assert doctest.testmod(import_module(name)).failed == 0

@@ -195,12 +195,6 @@ def test_a_volume_function_that_fails_is_named_and_the_last_state_is_saved(tmp_p
         assert run["time"].values.tolist() == [0, simulation.time]
 
 
-@pytest.mark.parametrize("observers", [3, None, finish_all, [None], "x"])
-def test_what_is_no_observer_is_named(observers: Any) -> None:
-    with pytest.raises(TypeError, match=r"^observers? .* (is no sequence|has no method 'start')"):
-        Simulation(scene()).run(until=40, observers=observers)
-
-
 @EXPECTED_TO_FAIL
 def test_a_variable_that_fails_at_the_end_does_not_lose_the_last_state(tmp_path: Path) -> None:
     @measured(dims=("time", "cell"), units="1", text="a number")

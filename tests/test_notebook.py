@@ -18,7 +18,8 @@ def executed(tmp_path_factory: pytest.TempPathFactory) -> list[nbformat.Notebook
     simulation = Simulation(built_in_scene("celegans-8", {"numerics.preset": "draft"}))
     simulation.run(until=20, observers=[RunWriter(folder / "runs" / "embryo", 10)])
     book = nbformat.read(NOTEBOOK, as_version=4)
-    NotebookClient(book, resources={"metadata": {"path": str(folder)}}).execute()
+    (folder / "examples").mkdir()
+    NotebookClient(book, resources={"metadata": {"path": str(folder / "examples")}}).execute()
     return [cell for cell in book.cells if cell.cell_type == "code"]
 
 

@@ -1,11 +1,9 @@
 """Simulations: runs and observers, divergence, vanishing, targets, frozen cells, memory, import."""
 
-import doctest
 import subprocess
 import sys
 import tracemalloc
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -373,12 +371,3 @@ except AttributeError as error:
     print(error)
 """
     assert "no attribute 'Simulaton'" in python(code)
-
-
-@pytest.mark.parametrize(
-    "name", ["morphosim", "morphosim.physics.attraction", "morphosim.simulation.simulation"]
-)
-def test_docstrings_say_what_happens(name: str) -> None:
-    result = doctest.testmod(import_module(name))
-    assert result.attempted > 0
-    assert result.failed == 0

@@ -296,10 +296,10 @@ def _go_over_ranks(
     raise typer.Exit(status)
 
 
-def _bar(until: float) -> "ProgressBar":
+def _bar() -> "ProgressBar":
     from morphosim.simulation.progress_bar import ProgressBar
 
-    return ProgressBar(until, events=voice.verbose, quiet=voice.quiet)
+    return ProgressBar(events=voice.verbose, quiet=voice.quiet)
 
 
 def _go(simulation: "Simulation", output: Path, how: How) -> None:
@@ -309,7 +309,7 @@ def _go(simulation: "Simulation", output: Path, how: How) -> None:
     from morphosim.simulation.ending import words_of_ending
 
     writer = RunWriter.of(simulation.scene, output, how.resume, how.overwrite)
-    bar = _bar(simulation.scene.duration)
+    bar = _bar()
     status = 0
     try:
         simulation.run(observers=[writer, bar])
@@ -323,7 +323,9 @@ def _go(simulation: "Simulation", output: Path, how: How) -> None:
 
 
 def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
-    """Volumes, certificate and speed of a run."""
+    """Volumes, certificate and speed of a run, and why it has stopped before its end."""
+    from morphosim.simulation.ending import words_of_stop
+
     lines = [f"{'cell':10} {'volume':>10} {'target':>10}  um3   face |phi|   lost um3"]
     rows = zip(
         simulation.names, simulation.volumes, simulation.targets, simulation.face_peak,
@@ -342,6 +344,8 @@ def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
             f"{threads} (first step, with compilation: {bar.first_step:.1f} s)"
         )
     lines.append(f"saved in {output}")
+    if simulation.stopped:
+        lines.append(words_of_stop(simulation, output))
     return "\n".join(lines)
 
 

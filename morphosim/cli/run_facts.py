@@ -48,14 +48,16 @@ def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
 
 
 def _end(attrs: dict[str, Any], time: float, place: Path) -> str:
-    """How a run has ended, or that it can go on."""
+    """How a run has ended, who has stopped it, or that it can go on."""
     if attrs["error"]:
         return f"ended by an error: {attrs['error']}"
     if attrs.get("finished", time >= attrs["duration"] - 1e-9):  # of old runs, by their time
         return "finished"
+    why = attrs.get("stopped", "")  # runs of 0.2 do not say
+    ended = f"stopped at t = {time:g}: {why}" if why else "is not at its end"
     if place.is_dir() and any(place.glob("restart-*.npz")):
-        return f"is not at its end: morphosim run --resume {place}"
-    return "is not at its end; it cannot go on, as the state to go on from is not here"
+        return f"{ended}{'. Go on with' * bool(why)}: morphosim run --resume {place}"
+    return f"{ended}; it cannot go on, as the state to go on from is not here"
 
 
 def _written(place: Path) -> str:

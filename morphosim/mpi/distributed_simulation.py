@@ -10,7 +10,7 @@ from morphosim.mpi.communicator import StoppedError, agreed, world
 from morphosim.mpi.distributed_engine import DistributedEngine
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.simulation.changes import used_names
-from morphosim.simulation.observers import Observer, finish_all
+from morphosim.simulation.observers import Observer, as_observers, finish_all, tell_step
 from morphosim.simulation.simulation import Simulation
 from morphosim.simulation.start import cell_columns, start_fields
 
@@ -61,6 +61,12 @@ class DistributedSimulation(Simulation):
         self._check_shares(len(state.names))
         super()._take_over(state)
 
+    def _is_stopped(self) -> bool:
+        """Whether any rank has asked the run to end; then all do, for the reason of the first."""
+        reasons = world().allgather(self.stopped)
+        self.stopped = next((why for why in reasons if why), "")
+        return super()._is_stopped()
+
     def _check_shares(self, count: int) -> None:
         """Raise ValueError if there are fewer cells than ranks."""
         if count < world().size:
@@ -80,7 +86,7 @@ class RootObserver:
     Parameters
     ----------
     make : function
-        Makes the observers; called on rank 0 only.
+        Makes the observers, of which some may be functions; called on rank 0 only.
     interrupted : function, optional
         Tells, on rank 0, whether to stop.
 
@@ -91,13 +97,13 @@ class RootObserver:
 
     def __init__(
         self,
-        make: Callable[[], Iterable[Observer[Simulation]]],
+        make: Callable[[], Iterable[Observer[Simulation] | Callable[[Simulation], object]]],
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
         comm = world()
         self._interrupted = interrupted
         self.observers: list[Observer[Simulation]] = agreed(
-            comm, lambda: [] if comm.rank else list(make())
+            comm, lambda: [] if comm.rank else as_observers(list(make()))
         )
         self._started: list[Observer[Simulation]] = []
 
@@ -119,8 +125,7 @@ class RootObserver:
         """See `Observer`."""
 
         def tell() -> None:
-            for observer in self.observers:
-                observer.after_step(simulation)
+            tell_step(self.observers, simulation, stage_ended=False)
             self._check()
 
         on_root(simulation, tell)
@@ -129,8 +134,7 @@ class RootObserver:
         """See `Observer`."""
 
         def tell() -> None:
-            for observer in self.observers:
-                getattr(observer, "stage_ended", observer.after_step)(simulation)
+            tell_step(self.observers, simulation, stage_ended=True)
             self._check()
 
         on_root(simulation, tell)

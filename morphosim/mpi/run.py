@@ -37,7 +37,7 @@ def go(
     summary: Summary | None = None,
     resume: bool = False,
     overwrite: bool = False,
-    bar: Callable[[float], ProgressBar] = ProgressBar,
+    bar: Callable[[], ProgressBar] = ProgressBar,
 ) -> int:
     """Run a simulation to its end on all ranks; rank 0 saves it, draws progress and tells the end.
 
@@ -59,7 +59,7 @@ def go(
         Makes what is told at the end.
     resume, overwrite : bool
         See `RunWriter`.
-    bar : function of the time at which the run ends
+    bar : function
         Makes the progress bar.
 
     Returns
@@ -79,7 +79,7 @@ def go(
     with _signals(comm.rank) as interrupted:
         try:
             simulation = agreed(comm, make)
-            drawn = bar(simulation.scene.duration)
+            drawn = bar()
             observers = RootObserver(
                 lambda: _observers(simulation, output, resume, overwrite, drawn, before),
                 lambda: bool(interrupted),

@@ -52,6 +52,10 @@ class Observed(Protocol):
         """Why the simulation cannot go on; "" while it can."""
 
     @property
+    def stopped(self) -> str:
+        """Why the run ends before its end; "" if nobody has stopped it."""
+
+    @property
     def identity(self) -> Identity:
         """Which run it is."""
 

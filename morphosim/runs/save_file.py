@@ -78,6 +78,7 @@ def provenance(simulation: Observed) -> dict[str, Any]:
         "threads": simulation.threads,
         "duration": scene.duration,
         "error": simulation.error,
+        "stopped": simulation.stopped,
         "finished": int(simulation.finished),
         **simulation.identity.attributes,
     }

@@ -133,20 +133,15 @@ class RunWriter:
 
     def stage_ended(self, simulation: Observed) -> None:
         """Save the end of a stage; saves of then and later, if it ends in the past, are dropped."""
-        if simulation.steps <= self._saved:
-            while self._told[-1][0] >= simulation.steps:
-                self._told.pop()
-            self._save(simulation, anew=True)
-            self._drop_between(simulation.steps)
-        else:
-            self._save(simulation)
+        self._save_again(simulation)
         self._plan(simulation)
 
     def finish(self, simulation: Observed) -> None:
         """Save the last state, unless a step or a save has failed, and unlock the directory."""
         try:
             if simulation.whole and not self._failed:
-                self._save(simulation)
+                says_why = not simulation.stopped or self._told[-1][0] < simulation.steps
+                (self._save if says_why else self._save_again)(simulation)
                 self.files.drop_after(self._number)  # where a run has gone on from before these
         finally:
             self._close()
@@ -244,6 +239,16 @@ class RunWriter:
         self._number, self._saved = number, simulation.steps
         self._told.append((simulation.steps, len(simulation.events)))
         self._marks.append(state.positions)
+
+    def _save_again(self, simulation: Observed) -> None:
+        """Save, in place of saves of this step or later."""
+        if simulation.steps > self._saved:
+            self._save(simulation)
+            return
+        while self._told[-1][0] >= simulation.steps:
+            self._told.pop()
+        self._save(simulation, anew=True)
+        self._drop_between(simulation.steps)
 
     def _write(self, number: int, state: MeasuredState) -> None:
         """Write a save and, at the same time, the checkpoint to go on from."""

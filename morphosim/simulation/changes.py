@@ -62,6 +62,8 @@ class Changes:
     ) -> None:
         """Divide a cell in its box; the daughters' next step is of first order.
 
+        All after the daughters is given by keyword: `divide("P0", ("AB", "P1"), axis=(-1, 0, 0))`.
+
         Parameters
         ----------
         cell : str

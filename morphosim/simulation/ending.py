@@ -1,4 +1,6 @@
-"""What to say of a run that has ended before its end."""
+"""What to say of a run that has ended before its end, in one line."""
+
+from pathlib import Path
 
 from morphosim.errors import SaveError, told
 from morphosim.runs.writer import RunWriter
@@ -7,7 +9,7 @@ from morphosim.simulation.simulation import Simulation
 
 def words_of_ending(error: BaseException, simulation: Simulation, writer: RunWriter) -> str:
     """What has ended a run, what is saved of it, and how it goes on; in one line."""
-    go_on = f"morphosim run --resume {writer.directory}"
+    go_on = _go_on(writer.directory)
     saved = writer.holds(simulation)
     kept = "The last state is saved" if saved else "The saves before are kept"
     if isinstance(error, KeyboardInterrupt):
@@ -21,3 +23,13 @@ def words_of_ending(error: BaseException, simulation: Simulation, writer: RunWri
             f"there is more, go on with: {go_on}"
         )
     return f"error: {told(error)}" + ("" if isinstance(error, SaveError) else f". {kept}")
+
+
+def words_of_stop(simulation: Simulation, directory: Path) -> str:
+    """Why a run was stopped, and how it goes on; in one line."""
+    more = "" if simulation.finished else f". Go on with: {_go_on(directory)}"
+    return f"stopped at t = {simulation.time:g}: {simulation.stopped}{more}"
+
+
+def _go_on(directory: Path) -> str:
+    return f"morphosim run --resume {directory}"

@@ -14,8 +14,8 @@ class ProgressBar:
 
     Parameters
     ----------
-    until : float
-        *In silico* time at which the run ends.
+    until : float, optional
+        *In silico* time at which the run ends; by default what `Simulation.run` is given.
     interval : float
         Seconds between two updates of the bar.
     events : bool
@@ -32,7 +32,12 @@ class ProgressBar:
     """
 
     def __init__(
-        self, until: float, interval: float = 0.25, *, events: bool = False, quiet: bool = False
+        self,
+        until: float | None = None,
+        interval: float = 0.25,
+        *,
+        events: bool = False,
+        quiet: bool = False,
     ) -> None:
         self.until, self.interval, self.events, self.quiet = until, interval, events, quiet
         self.first_step = self.seconds = 0.0
@@ -41,10 +46,11 @@ class ProgressBar:
 
     def start(self, simulation: Simulation) -> None:
         """Begin to draw."""
+        self._end = simulation.until if self.until is None else self.until
         self._draws = self._bar.shown and not self.quiet
         if self._draws:
             what = f"{simulation.scene.name}, {_count(len(simulation.cells))}"
-            self._bar.begin(what, self.until, simulation.time, speed="first step")
+            self._bar.begin(what, self._end, simulation.time, speed="first step")
         self._told = len(simulation.events)
         self._pace = Pace()
         self._begin = self._shown = time.perf_counter()
@@ -84,13 +90,13 @@ class ProgressBar:
             number = min(simulation.stages_ended + 1, len(scene.stages))
             words.append(f"stage {simulation.stage!r} ({number} of {len(scene.stages)})")
         else:
-            words[0] += f" of {self.until:g}"
+            words[0] += f" of {self._end:g}"
         words.append(_count(len(simulation.names)))
         lapse = simulation.time - self._since
         if self.steps and lapse > 0:
             words.append(f"{self.steps / self.seconds:.3g} steps/s")
             if not scene.stages:
-                left = self.seconds / lapse * (self.until - simulation.time)
+                left = self.seconds / lapse * (self._end - simulation.time)
                 words.append(f"{duration_text(left)} left")
         return ", ".join(words)
 

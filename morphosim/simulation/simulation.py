@@ -1,6 +1,6 @@
 """A simulation: a scene on its way through time."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
-from morphosim.simulation.observers import Observer, check_observers, finish_all
+from morphosim.simulation.observers import Observer, as_observers, finish_all, tell_step
 from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.state import State
@@ -49,6 +49,10 @@ class Simulation(State):
         Name of what the simulation is doing; free for the user to set, and saved.
     error : str
         Why the simulation cannot go on; "" while it can.
+    stopped : str
+        Why the present run is to end, or the last one has ended, before its end; see `stop`.
+    until : float
+        *In silico* time to which the present, or the last, run goes.
     identity : Identity
         Which run this is, and which it has started from.
 
@@ -80,12 +84,15 @@ class Simulation(State):
     events: list[tuple[float, str]] = field(init=False, default_factory=list)
     stage: str = field(init=False, default="")
     error: str = field(init=False, default="")
+    stopped: str = field(init=False, default="")
+    until: float = field(init=False)
     identity: Identity = field(init=False, default_factory=Identity)
     _stages: StageRunner = field(init=False)
 
     def __post_init__(self, state: Checkpoint | None) -> None:
         _validate.instance("scene", self.scene, Scene)
         scene = self.scene
+        self.until = scene.duration
         for physics in scene.courses:  # what stages do is rehearsed by that
             check_columns(physics)
         self._stages = StageRunner(scene.stages)
@@ -221,8 +228,46 @@ class Simulation(State):
             for _ in range(steps):
                 self._step()
 
+    def stop(self, why: str) -> None:
+        """End the run after the present step, as if its end were there; it can go on later.
+
+        For observers, events, conditions and force terms, and for other threads. All observers
+        finish, so that a `RunWriter` saves the state, with the reason. Where no run is under way
+        it does nothing: the next begins with `stopped` empty.
+
+        Parameters
+        ----------
+        why : str
+            Told in one line by the save, by `morphosim info` and at the end of `morphosim run`;
+            of several reasons the first counts.
+
+        Raises
+        ------
+        TypeError, ValueError
+            It is no text, or is empty.
+
+        Examples
+        --------
+        >>> from morphosim import built_in_scene
+        >>> def guard(simulation):
+        ...     if simulation.time >= 10:
+        ...         simulation.stop("long enough")
+        >>> simulation = Simulation(built_in_scene("single-cell"))
+        >>> simulation.run(until=1000, observers=[guard])
+        >>> simulation.time, simulation.stopped
+        (10.0, 'long enough')
+        """
+        _validate.text("why", why)
+        words = " ".join(why.split())
+        if not words:
+            message = f"why = {why!r}; expected a text that says why the run is to stop"
+            raise ValueError(message)
+        self.stopped = self.stopped or words
+
     def run(
-        self, until: float | None = None, observers: Sequence[Observer["Simulation"]] = ()
+        self,
+        until: float | None = None,
+        observers: Sequence[Observer["Simulation"] | Callable[["Simulation"], object]] = (),
     ) -> None:
         """Advance to a time, by default the scene's duration.
 
@@ -230,13 +275,17 @@ class Simulation(State):
         ----------
         until : float, optional
             By default the scene's stages end the run, or its duration.
-        observers : sequence of Observer
-            Each is told of the start, of every step and of the end, however the run ends. What
-            one raises at the end does not replace the error that has ended the run: it becomes a
-            note of that (`BaseException.add_note`).
+        observers : sequence of Observer or function of the simulation
+            Functions are called after every step, that which ends a stage included, and not at
+            the start. An `Observer` is told of the start and of the end too, however the run ends.
+            What one raises at the end does not replace the error that has ended the run: it
+            becomes a note of that (`BaseException.add_note`). `stop` ends the run without an
+            error.
 
         Raises
         ------
+        TypeError
+            What is given is no observer.
         DivergenceError, CellVanishedError
             See `step`.
         KeyboardInterrupt
@@ -244,33 +293,43 @@ class Simulation(State):
             simulation with it.
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
-        last = self.scene.numerics.steps_to(end)
-        check_observers(observers)
+        watching = as_observers(observers)
+        self.until, self.stopped = end, ""
         started: list[Observer[Simulation]] = []
-        staged = bool(self.scene.stages)
         ended: BaseException | None = None
         try:
-            for observer in observers:
+            for observer in watching:
                 observer.start(self)
                 started.append(observer)
-            with self.engine.limited_threads(), deferred_interrupts() as check_interrupt:
-                while self.engine.steps < last and not (staged and self._stages.done):
-                    self._stages.begin(self)
-                    self._step()
-                    if staged and self._stages.after_step(self):
-                        for observer in observers:
-                            getattr(observer, "stage_ended", observer.after_step)(self)
-                    else:
-                        for observer in observers:
-                            observer.after_step(self)
-                    check_interrupt()
+            self._advance(watching)
+            if self.stopped:
+                self._tell(f"stop: {self.stopped}")
         except BaseException as error:
             ended = error
             if isinstance(error, SimulationError):
                 self.error = str(error)
+            if isinstance(error, StopIteration):
+                error.add_note('to end a run, call simulation.stop("why")')
             raise
         finally:
             finish_all(started, self, ended)
+
+    def _advance(self, observers: Sequence[Observer["Simulation"]]) -> None:
+        """Take steps until the end of the run, or until somebody stops it."""
+        last, staged = self.scene.numerics.steps_to(self.until), bool(self.scene.stages)
+        with self.engine.limited_threads(), deferred_interrupts() as check_interrupt:
+            while not self._is_stopped():
+                if self.engine.steps >= last or (staged and self._stages.done):
+                    return
+                self._stages.begin(self)
+                self._step()
+                ends = staged and self._stages.after_step(self)
+                tell_step(observers, self, ends)
+                check_interrupt()
+
+    def _is_stopped(self) -> bool:
+        """Whether somebody has asked the run to end."""
+        return bool(self.stopped)
 
     def _step(self) -> None:
         everyone = self.engine.everyone

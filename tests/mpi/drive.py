@@ -230,6 +230,18 @@ def interrupted() -> list[Any]:
     return []
 
 
+def halted(by: int) -> list[Any]:
+    """Why each rank ends a run that one of them stops, and after how many steps."""
+    simulation = DistributedSimulation(moving())
+
+    def watch(simulation: Simulation) -> None:
+        if COMM.rank == by and simulation.engine.steps == 2:
+            simulation.stop(f"by rank {by}")
+
+    simulation.run(until=9, observers=[RootObserver(lambda: [watch]) if by == 0 else watch])
+    return [simulation.stopped, simulation.engine.steps, simulation.events[-1][1]]
+
+
 def main() -> None:
     folder = Path(sys.argv[1])
 
@@ -250,6 +262,7 @@ def main() -> None:
         told = {
             "own": int(local.own.sum()), "held": len(local), "sent": traffic.fields,
             "stopped": stopped(), "interrupted": interrupted(),
+            "halted": [halted(by) for by in (0, COMM.size - 1)],
         }  # fmt: skip
         everyone = COMM.gather(told)
         if COMM.rank == 0:

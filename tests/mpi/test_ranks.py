@@ -107,6 +107,12 @@ def test_all_ranks_stop_after_the_same_step_when_interrupted(over: Path) -> None
     assert all(rank["interrupted"] == [2] for rank in ranks(over))
 
 
+def test_all_ranks_stop_after_the_same_step_whichever_asks_for_it(over: Path) -> None:
+    found = ranks(over)
+    expected = [[f"by rank {by}", 2, f"stop: by rank {by}"] for by in (0, len(found) - 1)]
+    assert all(rank["halted"] == expected for rank in found)
+
+
 COMMAND = """
 import sys
 from pathlib import Path

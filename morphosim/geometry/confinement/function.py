@@ -15,7 +15,24 @@ from morphosim.geometry.signed_distance import Image, depth_image
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FunctionWalls:
-    """Confinement given by a function φ_e(x, y, z) of positions in µm, with its bounds (µm)."""
+    """Confinement given by a function of positions, φ_e: 0 inside (where cells are), 1 outside.
+
+    Attributes
+    ----------
+    function : φ_e(x, y, z) of arrays in µm that broadcast
+        Gives values from 0 to 1; the wall is where they pass 1/2, and presses with g_e φ_e².
+    lower, upper : (3,) µm, corners of a box that holds the inside, and a wall around it
+
+    Examples
+    --------
+    An endless tube along x, of which a piece is used:
+
+    >>> def tube(x, y, z):
+    ...     return np.hypot(y, z) + 0 * x > 8.0  # outside of a radius of 8 µm
+    >>> walls = FunctionWalls(function=tube, lower=(-20, -10, -10), upper=(20, 10, 10))
+    >>> walls.field(0, 0, 0), walls.field(0, 0, 9)
+    (array(0.), array(1.))
+    """
 
     function: Callable[[Any, Any, Any], Any]
     lower: ArrayLike

@@ -26,11 +26,11 @@ def read_lineage(path: Path | str | None = None) -> Lineage:
         - `name` and `parent` (empty: the lineage starts with this cell),
         - `volume_um3` (or `volume`), µm³: needed for cells that the lineage starts with,
         - `fraction`: share of the first daughter; needed where daughters have no volumes,
-        - `axis_x`, `axis_y`, `axis_z`: division axis of a cell that divides, of any length, from
-          the second daughter to the first,
-        - `group`: number of the group it divides with, or `division_min`, minutes. Without
-          `group`, cells of the same founder and generation divide together if there is a column
-          `founder`, or else cells with the same time,
+        - `axis_x`, `axis_y`, `axis_z`: in the row of a cell that divides its division axis, of
+          any length, from the second daughter to the first,
+        - `group`: in that row too, the number of the group it divides with, or `division_min`,
+          minutes. Without `group`, cells of the same founder and generation divide together if
+          there is a column `founder`, or else cells with the same time,
         - optional: `founder` and `generation` (if empty: the parent's, and counted),
           `daughter1` and `daughter2` (if empty: in the order of their rows),
           `measured_axis_x`, `measured_axis_y`, `measured_axis_z`, `measured_n`, `measured_r`.
