@@ -2,6 +2,8 @@
 
 import logging
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import reduce
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -15,6 +17,23 @@ MAIN = "__main__"
 IMPORTS = "the scene names code: importing %s"
 SCRIPTS = (MAIN, "__mp_main__")
 """What a script is called where it was started, and in the processes that it starts."""
+_refusals: list[str] = []
+"""Where nothing is loaded now: what to do instead."""
+
+
+@contextmanager
+def refusing(advice: str) -> Iterator[None]:
+    """Load nothing in this process: `loaded` raises ValueError, with advice on what to do."""
+    _refusals.append(advice)
+    try:
+        yield
+    finally:
+        _refusals.remove(advice)
+
+
+def refusal() -> str:
+    """Advice of `refusing`, for a process that this one starts; "" where things are loaded."""
+    return _refusals[-1] if _refusals else ""
 
 
 def loaded(text: str, where: str, folder: Path = Path()) -> Any:
@@ -29,8 +48,12 @@ def loaded(text: str, where: str, folder: Path = Path()) -> Any:
     Raises
     ------
     ValueError
-        The module cannot be imported, or has no such name; the text says what to try.
+        The module cannot be imported, or has no such name; the text says what to try. Or nothing
+        is loaded, see `refusing`.
     """
+    if _refusals:
+        message = f"{where} = {text!r} names code, which is not imported here; {refusal()}"
+        raise ValueError(message)
     module, _, name = text.rpartition(":")
     try:
         return reduce(getattr, name.split("."), _module(module, folder))

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
+from morphosim import _import_path
 from morphosim.errors import SimulationError, told
 
 _log = logging.getLogger(__name__)
@@ -112,7 +113,8 @@ class Child:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(theirs,), daemon=True)
+        work = (theirs, _import_path.refusal())
+        self._process = context.Process(target=_work, args=work, daemon=True)
         self._process.start()
         theirs.close()
         self._busy = False
@@ -208,11 +210,16 @@ def _nobody(kind: str, content: Any) -> None:
     """Listen to nothing."""
 
 
-def _work(pipe: Connection) -> None:
-    """Do jobs until the other side is gone."""
+def _work(pipe: Connection, refusal: str) -> None:
+    """Do jobs until the other side is gone; no code that files name, if that is refused there."""
     for name in ("SIGINT", "SIGHUP"):  # they reach the server, which asks us to end, or is gone
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    with _import_path.refusing(refusal) if refusal else contextlib.nullcontext():
+        _do_jobs(pipe)
+
+
+def _do_jobs(pipe: Connection) -> None:
     channel = Channel(pipe)
     while True:
         try:

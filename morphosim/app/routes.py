@@ -141,11 +141,15 @@ def _zip(folder: Path, file: BinaryIO) -> None:
 
 
 def _upload_handler(store: Store) -> Handler:
-    """Take a file from the browser; answers its name below the folder."""
+    """Take a file from the browser; answers its name below the folder.
+
+    The query may say `beside` which file that has come before, see `Store.receiving`.
+    """
 
     async def handle(request: web.Request) -> web.StreamResponse:
         try:
-            with store.receiving(request.match_info["name"]) as (name, write):
+            beside = request.query.get("beside", "")
+            with store.receiving(request.match_info["name"], beside) as (name, write):
                 async for chunk in request.content.iter_chunked(1 << 20):
                     write(chunk)
         except (ValueError, OSError) as error:

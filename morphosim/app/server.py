@@ -5,17 +5,20 @@ import logging
 import socket
 import sys
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+from morphosim import _import_path
 from morphosim.app.access import PARAMETER, Access, listening_host
+from morphosim.app.form import SOURCE_KEYS
 from morphosim.app.lower import STATE as LOWER_STATE
 from morphosim.app.lower import Lower
 from morphosim.app.routes import Streams, add_routes
+from morphosim.app.source import NO_CODE
 from morphosim.app.store import Store
-from morphosim.app.upper import SOURCE_KEYS, Upper
 from morphosim.app.upper import STATE as UPPER_STATE
+from morphosim.app.upper import Upper
 
 _log = logging.getLogger(__name__)
 STATIC = Path(__file__).with_name("static")
@@ -94,7 +97,7 @@ class Application:
         self.server.trigger("uploaded")(self._uploaded)
 
     def _compare(self, **_: Any) -> None:
-        self.upper.compare()
+        self.upper.form.compare()
 
     def _bound(self, web_server: Any) -> None:
         """Guard the server before it answers anything."""
@@ -134,7 +137,7 @@ class Application:
     def _uploaded(self, field: str, well: bool, text: str) -> None:
         with self.server.state as state:
             state[field if well else "form_error"] = text
-        self._start(self.upper.list_files)
+        self._start(lambda: self.upper.form.uploaded(field if well else ""))
 
     def _build(self) -> None:
         from trame.ui.vuetify3 import VAppLayout
@@ -195,7 +198,13 @@ def _no_alarm() -> Iterator[None]:
 
 
 def serve(
-    folder: Path, host: str, port: int, tell: Tell, open_browser: bool = False, token: bool = False
+    folder: Path,
+    host: str,
+    port: int,
+    tell: Tell,
+    open_browser: bool = False,
+    token: bool = False,
+    allow_code: bool = False,
 ) -> None:
     """Serve the application of a folder until Ctrl-C.
 
@@ -214,6 +223,8 @@ def serve(
         Whether to open it.
     token : bool
         Whether to ask for a token in any case.
+    allow_code : bool
+        Whether scene files, which may come from the browser, may name code that is imported.
 
     Raises
     ------
@@ -224,4 +235,5 @@ def serve(
     """
     store = Store(Path(folder))
     host = listening_host(host, port)
-    Application(store, Access.of_host(host, token)).serve(host, port, tell, open_browser)
+    with nullcontext() if allow_code else _import_path.refusing(NO_CODE):
+        Application(store, Access.of_host(host, token)).serve(host, port, tell, open_browser)

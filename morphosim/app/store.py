@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from morphosim._files import replacing
+from morphosim._files import is_file, replacing, toml_table
 from morphosim.runs.directory import RunDirectory
 
 DEEPEST = 4
@@ -18,9 +19,10 @@ UPLOADS = "imports"
 """Folder of files that come from the browser."""
 MASKS, TABLES = (".mat",), (".xls", ".xlsx", ".csv")
 IMAGES = (".tif", ".tiff", ".npy", ".npz", ".nc")
+SCENES = (".toml",)
 LARGEST_UPLOAD = 4 * 2**30
 """Largest file that is taken from the browser, bytes."""
-UPLOAD_SUFFIXES = (*MASKS, *IMAGES, *TABLES)
+UPLOAD_SUFFIXES = (*MASKS, *IMAGES, *TABLES, *SCENES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +71,49 @@ class Store:
             It, or one of its files, is outside of the folder.
         """
         place = self.path(name)
-        if not place.is_file() and not RunDirectory(place).saves:
+        files = RunDirectory(place)
+        if not place.is_file() and not files.saves:
             message = f"there is no run {name!r} below {self.root}; choose one of the list"
             raise FileNotFoundError(message)
         for file in place.iterdir() if place.is_dir() else ():
             self.path(self.name(file))
+        if is_file(files.scene):
+            self.scene(self.name(files.scene))
+        return place
+
+    def scene(self, name: str) -> Path:
+        """Path of a scene file.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is none.
+        ValueError
+            It is not TOML; or it, or a file of arrays that it names, is outside of the folder.
+        """
+        place = self.path(name)
+        for text in _texts(toml_table(place, "scene file")):
+            file = place.parent / text.partition(":")[0]
+            if file.suffix != ".py" and is_file(file):
+                self.path(str(file))
+        return place
+
+    def new_scene(self, name: str) -> Path:
+        """Path of a scene file to come; its ending ".toml" may be left out.
+
+        Raises
+        ------
+        FileExistsError
+            There is a file of this name, or one of the scene's arrays.
+        ValueError
+            See `path`; or the scene would not be among those that are listed.
+        """
+        name = name.strip()
+        place = self._listed(name if name.lower().endswith(SCENES) or not name else f"{name}.toml")
+        for file in (place, place.with_suffix(".npz")):
+            if file.exists():
+                message = f"{self.name(file)!r} exists; give the scene another name"
+                raise FileExistsError(message)
         return place
 
     def new_run(self, name: str) -> Path:
@@ -86,6 +126,14 @@ class Store:
         ValueError
             See `path`; or the run would not be among those that are listed.
         """
+        place = self._listed(name)
+        if place.exists() and (not place.is_dir() or any(place.iterdir())):
+            message = f"{name!r} exists and is not empty; give another name, or resume that run"
+            raise FileExistsError(message)
+        return place
+
+    def _listed(self, name: str) -> Path:
+        """Path of a name at which a file or folder will be found."""
         place = self.path(name)
         parts = place.relative_to(self.root).parts
         if len(parts) > DEEPEST or any(part.startswith(".") for part in parts):
@@ -94,9 +142,6 @@ class Store:
                 "none begins with a dot"
             )
             raise ValueError(message)
-        if place.exists() and (not place.is_dir() or any(place.iterdir())):
-            message = f"{name!r} exists and is not empty; give another name, or resume that run"
-            raise FileExistsError(message)
         return place
 
     def free(self, name: str) -> Path:
@@ -124,20 +169,23 @@ class Store:
             return name
 
     @contextmanager
-    def receiving(self, name: str) -> Iterator[tuple[str, Callable[[bytes], None]]]:
+    def receiving(
+        self, name: str, beside: str = ""
+    ) -> Iterator[tuple[str, Callable[[bytes], None]]]:
         """Name below the folder of a file that comes from the browser, and what takes its parts.
+
+        Parameters
+        ----------
+        name : of the file
+        beside : name below the folder of a scene file that has come with it and names it, or ""
 
         Raises
         ------
         ValueError
             It is not a file that the application can read, or larger than `LARGEST_UPLOAD`.
         """
-        plain = Path(name.replace("\\", "/")).name
-        if Path(plain).suffix.lower() not in UPLOAD_SUFFIXES:
-            message = f"file {name!r} has an ending that is not known; allowed are "
-            raise ValueError(message + ", ".join(UPLOAD_SUFFIXES))
-        place = self.free(f"{UPLOADS}/{plain}")
-        place.parent.mkdir(exist_ok=True)
+        place = self._place(name, beside)
+        place.parent.mkdir(parents=True, exist_ok=True)
         received = 0
         with replacing(place) as partial, partial.open("wb") as file:
 
@@ -151,6 +199,22 @@ class Store:
                 file.write(part)
 
             yield self.name(place), write
+
+    def _place(self, name: str, beside: str) -> Path:
+        """Path of a file to come from the browser; a scene gets a folder of its own."""
+        plain = Path(name.replace("\\", "/")).name
+        if Path(plain).suffix.lower() not in UPLOAD_SUFFIXES:
+            message = f"file {name!r} has an ending that is not known; allowed are "
+            raise ValueError(message + ", ".join(UPLOAD_SUFFIXES))
+        if beside:
+            folder = self.path(beside).parent
+            if not folder.is_relative_to(self.root / UPLOADS) or (folder / plain).exists():
+                message = f"file {name!r} cannot be put beside {beside!r}; choose both files anew"
+                raise ValueError(message)
+            return folder / plain
+        if Path(plain).suffix.lower() in SCENES:
+            return self.free(f"{UPLOADS}/{Path(plain).stem}") / plain
+        return self.free(f"{UPLOADS}/{plain}")
 
     def name(self, path: Path) -> str:
         """Name of a path below the folder."""
@@ -186,6 +250,15 @@ class Store:
             depth = len(Path(folder).relative_to(self.root).parts)
             inner[:] = sorted(n for n in inner if not n.startswith(".")) if depth < DEEPEST else []
             yield Path(folder), names
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts in a table, at whatever depth."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
 
 
 def _is_save(name: str) -> bool:

@@ -1,44 +1,24 @@
 """Upper half of the page: what to simulate, and the run that is going on."""
 
-import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any
 
 from morphosim.app import worker
-from morphosim.app.processes import STOP, Desk, Job, JobError, Stopped, words_of
+from morphosim.app.form import STATE as FORM_STATE
+from morphosim.app.form import Form
+from morphosim.app.processes import STOP, Desk, Job, JobError, Stopped
 from morphosim.app.routes import Streams
-from morphosim.app.settings import OWN, PRESET_NAMES, Settings, Source, facts
-from morphosim.app.store import IMAGES, MASKS, TABLES, Store
-from morphosim.library.built_in import scene_names
+from morphosim.app.store import Store
 from morphosim.progress import duration_text
 
-FILES = {"mask_files": MASKS, "table_files": TABLES, "image_files": IMAGES}
-"""Lists of files to import, and their endings."""
-MOST_IN_TABLE = 24
-"""Cells up to which the whole attraction matrix can be edited; beyond, one pair at a time."""
-SOURCES = {
-    "built-in": {"scene": "scene_name"},
-    "matlab": {"masks": "masks", "table": "table", "shell": "shell_file", "spacing": "voxel"},
-    "labels": {"image": "image", "table": "table", "spacing": "voxel"},
-}  # fmt: skip
-"""Of each tab, what of a `Source` its controls say, and the states where they say it."""
-SOURCE_KEYS = sorted({"source_kind"}.union(*(keys.values() for keys in SOURCES.values())))
-FIRST = "celegans-8"
 STARTING = "starting"
 
 STATE = {
-    "source_kind": "built-in", "scene_name": FIRST, "scene_names": scene_names(),
-    "masks": "", "table": "", "shell_file": "", "image": "", "voxel": "",
-    "mask_files": [], "table_files": [], "image_files": [],
-    "loaded": "", "description": "", "stages": [], "has_shell": False,
-    "cells": [], "sigma": [], "pair_from": "", "pair_to": "", "pair_value": "0", "pair_both": True,
-    "duration": "", "save_every": "", "dt": "", "dts": {}, "preset": OWN,
-    "presets": list(PRESET_NAMES), "shell": True, "run_name": "runs/test", "form_error": "",
+    **FORM_STATE,
     "status": "idle", "run_title": "", "progress": 0, "progress_text": "", "run_error": "",
-    "run_note": "", "warnings": [], "live_stream": {"key": "", "count": 0}, "reading": False,
-    "fits": False, "run_end": "",
-    "most_in_table": MOST_IN_TABLE, "first_picture": 0.0,
+    "run_note": "", "run_end": "", "warnings": [], "remarks": [],
+    "live_stream": {"key": "", "count": 0}, "first_picture": 0.0, "cure": worker.CURE,
 }  # fmt: skip
 """What the upper half shows at first."""
 
@@ -58,9 +38,8 @@ class Upper:
         self, state: Any, store: Store, streams: Streams, ended: Callable[[str], Awaitable[None]]
     ) -> None:
         self._state, self._store, self._streams, self._ended = state, store, streams, ended
+        self.form = Form(state, store)
         self._runs, self._began = 0, 0.0
-        self._source: Source | None = None  # what the form holds
-        self._reading: Source | None = None
         self._until: float | None = None
         self._told: dict[str, Any] | None = None
         self._desk: Desk | None = None
@@ -68,104 +47,20 @@ class Upper:
     async def start(self) -> None:
         """Begin to serve: start the process of the simulation, show the first scene."""
         self._desk = Desk()
-        await self.list_files()
-        await self.read_source()
+        await self.form.list_files()
+        await self.form.read_source()
         await self._desk.do(worker.warm_up)
 
     def close(self) -> None:
         """End the simulation, which saves its state first."""
+        self.form.close()
         if self._desk is not None:
             self._desk.close()
-
-    async def list_files(self) -> None:
-        """Look for files to import."""
-        found = await asyncio.to_thread(self._store.files, FILES)
-        with self._state as state:
-            state.update(found)
-
-    def chosen(self) -> Source:
-        """What the controls of the chosen tab say."""
-        state, kind = self._state, self._state.source_kind
-        said = {field: state[key] or "" for field, key in SOURCES[kind].items()}
-        return Source(kind=kind, **said)
-
-    def compare(self) -> None:
-        """Find out whether the form holds what the chosen tab says; it is shown only then."""
-        self._state.fits = self.chosen() == self._source
-
-    async def choose_kind(self) -> None:
-        """Show what the chosen tab says: a scene of the list is read at once, files when told."""
-        with self._state as state:
-            self._reading, state.reading, state.form_error = None, False, ""
-            self.compare()
-        if state.source_kind == "built-in" and not state.fits:
-            await self.read_source()
-
-    async def read_source(self) -> None:
-        """Read the chosen scene or files, and fill the form with what is there."""
-        state = self._state
-        source = self._reading = self.chosen()
-        with state:
-            state.reading, state.form_error = True, ""
-        found, words = None, ""
-        try:
-            found = facts(await asyncio.to_thread(source.read, self._store, "ball"))
-        except Exception as error:
-            words = words_of(error)
-        if self._reading is not source:
-            return  # another has been chosen meanwhile
-        with state:
-            state.reading, state.form_error = False, words
-            if found is not None:
-                self._source = source
-                self._fill(found)
-            self.compare()
-
-    def _fill(self, found: dict[str, Any]) -> None:
-        state = self._state
-        for key in ("cells", "sigma", "description", "stages", "has_shell", "dts"):
-            state[key] = found[key]
-        for key in ("duration", "save_every", "dt"):
-            state[key] = f"{found[key]:g}"
-        state.preset, state.shell = OWN, found["has_shell"]
-        state.loaded = found["name"]
-        names = [cell["name"] for cell in found["cells"]]
-        state.pair_from, state.pair_to = names[0], names[-1]
-        state.run_name = self._store.name(self._store.free(f"runs/{_plain(found['name'])}"))
-
-    def set_pair(self) -> None:
-        """Put the value of the pair below the matrix into it."""
-        state = self._state
-        names = [cell["name"] for cell in state.cells]
-        if state.pair_from not in names or state.pair_to not in names:
-            state.form_error = "choose two cells of the list for a pair"
-            return
-        j, i = names.index(state.pair_from), names.index(state.pair_to)
-        sigma = [list(row) for row in state.sigma]
-        sigma[j][i] = state.pair_value
-        if state.pair_both:
-            sigma[i][j] = state.pair_value
-        state.sigma, state.form_error = sigma, ""
-
-    def settings(self) -> Settings:
-        """What the form says now."""
-        state = self._state
-        return Settings(
-            source=self._source or self.chosen(),
-            names=[cell["name"] for cell in state.cells],
-            sigma=state.sigma,
-            duration=state.duration,
-            save_every=state.save_every,
-            dt=state.dt,
-            preset=state.preset,
-            shell=state.shell or not state.has_shell,
-            name=(state.run_name or "").strip(),
-        )
 
     async def run(self) -> None:
         """Simulate what the form says."""
         await self._do(
-            self._state.run_name, worker.simulate, settings=self.settings(), store=self._store
+            self._state.run_name, worker.simulate, settings=self.form.settings(), store=self._store
         )
         with self._state as state:
             state.run_name = self._store.free_name(state.run_name)
@@ -217,7 +112,8 @@ class Upper:
         with self._state as state:
             state.status, state.run_title, state.progress = "starting", name, 0
             state.progress_text = STARTING
-            state.run_error, state.run_note, state.warnings = "", "", []
+            state.run_error, state.run_note = "", ""
+            state.warnings, state.remarks = [], []
             state.live_stream = {"key": "", "count": 0}
 
     def _heard(self, kind: str, content: Any) -> None:
@@ -225,8 +121,11 @@ class Upper:
         with self._state as state:
             getattr(self, f"_hear_{kind.replace(' ', '_')}")(state, content)
 
-    def _hear_warning(self, state: Any, text: str) -> None:
-        state.warnings = [*state.warnings, text]
+    def _hear_warning(self, state: Any, content: dict[str, Any]) -> None:
+        state.warnings = [*state.warnings, content]
+
+    def _hear_remark(self, state: Any, content: dict[str, Any]) -> None:
+        state.remarks = [*state.remarks, content]
 
     def _hear_compiling(self, state: Any, text: str) -> None:
         state.progress_text = text
@@ -271,8 +170,3 @@ def progress_text(found: dict[str, Any], until: float | None) -> str:
     if found["seconds_left"]:
         parts.append(f"about {duration_text(found['seconds_left'])} left")
     return " · ".join(parts)
-
-
-def _plain(name: str) -> str:
-    """Name of a scene as that of a folder."""
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip(".") or "run"

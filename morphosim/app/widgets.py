@@ -28,7 +28,7 @@ def choice(label: str, name: str, items: str, **options: Any) -> None:
 
 def plain_input(**options: Any) -> None:
     """<input> with attributes that trame does not know by itself."""
-    known = [("aria_label", "aria-label"), ("data_uploads", "data-uploads")]
+    known = [("aria_label", "aria-label"), ("data_uploads", "data-uploads"), "multiple"]
     html.Input(__properties=known, **options)
 
 
@@ -40,8 +40,20 @@ def alert(name: str, kind: str) -> None:
     )  # fmt: skip
 
 
-def upload(name: str, accept: str) -> None:
-    """Button that sends a file to the folder and chooses it for a value of the state."""
+def alerts(name: str, kind: str, text: str) -> v3.VAlert:
+    """Alert for `each` item of a list of the state; `text` says what of it is shown."""
+    with html.Div(v_for=f"(each, k) in {name}", key="k"):
+        shown = v3.VAlert(type=kind, density="compact", variant="tonal", classes=f"mb-2 {name}")
+        with shown:
+            html.Div(f"{{{{ {text} }}}}")
+    return shown
+
+
+def upload(name: str, accept: str, several: bool = False) -> None:
+    """Button that sends a file to the folder and chooses it for a value of the state.
+
+    It may take `several`: the first, by ending, and others that it names.
+    """
     with html.Label(classes="upload"):
         html.Span("Upload")
-        plain_input(type="file", accept=accept, data_uploads=name)
+        plain_input(type="file", accept=accept, data_uploads=name, multiple=several)

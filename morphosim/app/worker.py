@@ -1,8 +1,8 @@
 """Running a simulation for the page: a job of a process of its own.
 
 The page hears "compiling", "began", "load" (what a viewer opens with), "frame" (one time of the
-view), "progress" and "warning"; it may ask for "pause", "go on" and "stop". A run that is stopped
-is saved, and `resume` goes on with it.
+view), "progress", "warning" and "remark"; it may ask for "pause", "go on" and "stop". A run that is
+stopped is saved, and `resume` goes on with it.
 """
 
 import json
@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,19 @@ import numpy as np
 
 from morphosim.accessor import open_run
 from morphosim.app.processes import STOP, Channel, Stopped
-from morphosim.app.settings import Settings
+from morphosim.app.settings import Settings, preset_of, with_preset
 from morphosim.app.store import Store
 from morphosim.cell_field import CellField
 from morphosim.runs.writer import RunWriter
+from morphosim.scene.file import save_scene
+from morphosim.scene.scene import Scene
+from morphosim.scene.stability import StabilityWarning, concerns
 from morphosim.simulation.compilation import compilation_told
 from morphosim.simulation.simulation import Simulation
 
 PAUSE, GO_ON = "pause", "go on"
+CURE = "standard"
+"""Preset that is offered where another may diverge."""
 TRIANGLES = 800
 """Triangles of a cell in the live view."""
 PICTURE_SHARE = 0.2
@@ -48,8 +54,9 @@ def simulate(channel: Channel, settings: Settings, store: Store) -> None:
     """Simulate the scene of the form, and save it below the folder."""
     directory = store.new_run(settings.name)
     with _told(channel):
-        simulation = Simulation(settings.scene(store))
-        _run(channel, simulation, directory)
+        scene = settings.scene(store)
+    with _told(channel, scene):
+        _run(channel, Simulation(scene), directory)
 
 
 def resume(channel: Channel, name: str, store: Store) -> None:
@@ -64,13 +71,50 @@ def _run(channel: Channel, simulation: Simulation, directory: Path, resume: bool
     simulation.run(observers=[writer, Watcher(channel, directory)])
 
 
+def save(channel: Channel, settings: Settings, name: str, store: Store) -> list[str]:
+    """Write the scene of the form as a scene file; returns the names of what is written."""
+    place = store.new_scene(name)
+    with _told(channel):
+        scene = replace(settings, name=place.stem).scene(store)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    save_scene(scene, place)
+    return [store.name(file) for file in (place, place.with_suffix(".npz")) if file.exists()]
+
+
 @contextmanager
-def _told(channel: Channel) -> Iterator[None]:
-    """Warnings, and that kernels are compiled, go to the page."""
+def _told(channel: Channel, scene: Scene | None = None) -> Iterator[None]:
+    """Warnings, and that kernels are compiled, go to the page.
+
+    Parameters
+    ----------
+    channel : Channel
+    scene : of the form, which is run now; None where nothing of it can be changed
+    """
+
+    def warned(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if issubclass(category, StabilityWarning):
+            channel.tell(*_on_stability(str(message), scene))
+        else:
+            channel.tell("warning", {"text": str(message), "cured": False})
+
     with warnings.catch_warnings(), compilation_told(lambda text: channel.tell("compiling", text)):
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = lambda message, *_, **__: channel.tell("warning", str(message))
+        warnings.showwarning = warned
         yield
+
+
+def _on_stability(text: str, scene: Scene | None) -> tuple[str, dict[str, Any]]:
+    """Message of what may diverge: a remark, where nothing that was chosen one by one is to blame.
+
+    It tells whether the preset `CURE` has no such concern.
+    """
+    if scene is None:
+        return "remark", {"text": text, "cured": False}
+    preset = preset_of(scene.numerics)
+    cured = not concerns(with_preset(scene, CURE))
+    if not (preset and cured):
+        return "warning", {"text": text, "cured": cured}
+    return "remark", {"text": f"As the preset {preset!r} has it: {text}", "cured": True}
 
 
 class Watcher:

@@ -23,6 +23,9 @@ def application(
     token: Annotated[
         bool, typer.Option("--token", help="ask for a token in any case; for shared machines")
     ] = False,
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="import the code that scene files name")
+    ] = False,
 ) -> None:
     """Simulate and look at runs in the browser."""
     from morphosim._extras import need
@@ -33,4 +36,4 @@ def application(
     def tell(address: str) -> None:
         say(f"MorphoSim: {address}")
 
-    serve(folder, host, port, tell, open_browser, token)
+    serve(folder, host, port, tell, open_browser, token, allow_code)

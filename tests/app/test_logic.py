@@ -15,7 +15,8 @@ from morphosim.app.access import Access, is_loopback
 from morphosim.app.lower import STATE, Lower
 from morphosim.app.processes import Child
 from morphosim.app.routes import Streams
-from morphosim.app.settings import Settings, Source, facts
+from morphosim.app.settings import Settings, facts
+from morphosim.app.source import Source
 from morphosim.app.store import Store
 
 LOCAL = {"Host": "127.0.0.1:8080"}

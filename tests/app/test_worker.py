@@ -14,7 +14,8 @@ from morphosim import Cell, Physics, RunWriter, Scene, Simulation, Sphere, open_
 from morphosim.app import charts, tasks, worker
 from morphosim.app.lower import MOST_SAVES, chosen_saves
 from morphosim.app.processes import Stopped
-from morphosim.app.settings import Settings, Source, facts
+from morphosim.app.settings import Settings, facts
+from morphosim.app.source import Source
 from morphosim.app.store import Store
 from morphosim.app.upper import progress_text
 from morphosim.kernels.step import step_band

@@ -130,16 +130,33 @@
   }
   watch();
 
-  // Send a file of an <input type="file"> to the folder; then `name` of the state is its name.
+  // Send a file to the folder, beside one that has been sent before; what is said to it.
+  async function send(file, beside) {
+    const query = beside ? `?beside=${encodeURIComponent(beside)}` : "";
+    const address = `files/${encodeURIComponent(file.name)}${query}`;
+    try {
+      const answer = await fetch(address, { method: "POST", body: file });
+      return { ok: answer.ok, text: await answer.text() };
+    } catch (error) {
+      return { ok: false, text: `${file.name} could not be sent: ${error.message}` };
+    }
+  }
+
+  // Send files of an <input type="file"> to the folder, a scene before what lies beside it; then
+  // `name` of the state is the name of the first.
   window.addEventListener("change", async (event) => {
     const name = event.target?.dataset?.uploads;
-    const file = event.target?.files?.[0];
-    if (!name || !file) return;
-    const address = `files/${encodeURIComponent(file.name)}`;
-    const sent = fetch(address, { method: "POST", body: file });
-    const failed = (error) => [name, false, `${file.name} could not be sent: ${error.message}`];
-    const told = sent.then(async (answer) => [name, answer.ok, await answer.text()], failed);
-    window.trame.trigger("uploaded", await told);
+    const files = [...(event.target?.files ?? [])];
+    if (!name || !files.length) return;
+    files.sort((a, b) => b.name.endsWith(".toml") - a.name.endsWith(".toml"));
+    let first = "";
+    let answer = { ok: true };
+    for (const file of files) {
+      answer = await send(file, first);
+      if (!answer.ok) break;
+      first ||= answer.text;
+    }
+    window.trame.trigger("uploaded", [name, answer.ok, answer.ok ? first : answer.text]);
     event.target.value = ""; // so that the same file can be sent again
   });
 })();
