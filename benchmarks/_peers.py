@@ -54,7 +54,8 @@ def problem(scene: Scene, size: tuple[float, float, float]) -> Problem:
     shape = tuple(round(length / h) for length in size)
     phi = np.zeros((len(scene.cells), *shape))
     for whole, cell in zip(phi, scene.cells, strict=True):
-        origin, part = lattice_field(cell.shape, cell.name, physics.interface_scale, h)
+        scale = physics.interface_scale
+        origin, part = lattice_field(cell.shape, cell.name, scale, h, cell.start_volume)
         ends = zip(origin, part.shape, shape, strict=True)
         there = [slice(max(o, 0), min(o + n, m)) for o, n, m in ends]
         here = tuple(slice(s.start - o, s.stop - o) for s, o in zip(there, origin, strict=True))

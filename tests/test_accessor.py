@@ -169,7 +169,7 @@ def test_contact_graph_has_the_areas_of_the_simulation(
         assert {frozenset(pair) for pair in graph.edges} == set(areas)
         for a, b, area in graph.edges(data="area"):
             assert area == pytest.approx(areas[frozenset((a, b))], rel=1e-6)
-    assert [set(edge) for edge in accessor.contact_graph(20, least_area=18).edges] == [{"a", "b1"}]
+    assert [set(edge) for edge in accessor.contact_graph(20, least_area=11).edges] == [{"a", "b1"}]
     assert accessor.neighbours("b1", time=20) == ["a", "b2"]
     assert accessor.neighbours("b2") == ["b1"]
 

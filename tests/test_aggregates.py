@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from morphosim import Cell, Numerics, RunWriter, Scene, Simulation, Sphere, open_run
+from morphosim.geometry.phase_field import ball_radius
 from morphosim.measure.aggregates import Aggregates
 from morphosim.measure.measurement import measure_fields
 
@@ -30,14 +31,16 @@ def test_aggregates_by_contact() -> None:
 
 def test_figures_of_a_ball_and_of_a_pair() -> None:
     ball = aggregate((0, 0, 0), types="a", radius=6.0)
-    assert ball.radius_of_gyration == pytest.approx(np.sqrt(3 / 5) * 6, rel=0.01)
+    radius = ball_radius(4 / 3 * np.pi * 6**3, 1.0)  # of the surface φ = 1/2
+    assert ball.radius_of_gyration == pytest.approx(np.sqrt(3 / 5) * radius, rel=0.01)
     assert ball.roundness == pytest.approx(1, rel=1e-3)
     assert ball.aggregate_sphericity == pytest.approx(1, rel=0.01)
     assert np.isnan(ball.sorting_index)
     pair = aggregate((-5, 0, 0), (5, 0, 0), types="ab")
-    # Two balls at ± 5: semi-axes √(25 + 5·25) and 5; twice the surface, twice the volume.
-    assert pair.roundness == pytest.approx(5 / np.sqrt(150), rel=0.01)
-    assert pair.radius_of_gyration == pytest.approx(np.sqrt(25 + 15), rel=0.01)
+    # Two balls at ± 5: semi-axes √(R² + 5·25) and R; twice the surface, twice the volume.
+    radius = ball_radius(4 / 3 * np.pi * 5**3, 1.0)
+    assert pair.roundness == pytest.approx(radius / np.sqrt(radius**2 + 125), rel=0.01)
+    assert pair.radius_of_gyration == pytest.approx(np.sqrt(25 + 3 / 5 * radius**2), rel=0.01)
     assert 2 ** (-1 / 3) < pair.aggregate_sphericity < 1.2 * 2 ** (-1 / 3)
 
 

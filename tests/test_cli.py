@@ -166,7 +166,7 @@ def test_a_directory_that_holds_a_run_is_refused(
 @EXPECTED_TO_FAIL
 def test_a_run_that_diverges_saves_and_says_so(run_directory: Path, tmp_path: Path) -> None:
     words = ["run", run_directory, "-o", tmp_path / "run", "--set", "numerics.S=0"]
-    words += ["--set", "numerics.dt=50.0", "--until", "5000"]
+    words += ["--set", "numerics.dt=10.0", "--until", "5000"]
     result = CliRunner().invoke(app, [str(word) for word in words])
     assert result.exit_code == 1
     assert "diverged" in result.output

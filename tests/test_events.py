@@ -216,9 +216,9 @@ def test_contacts_with_several_neighbours_add_up() -> None:
 
 def test_changes_act_as_if_the_scene_had_been_so() -> None:
     changed = start(ball("a"), ball("b", 9.5))
-    CellChange(cells=["a"], values={"gamma": 0.5, "volume": 400.0}).apply(changed)
+    CellChange(cells=["a"], values={"gamma": 0.5, "volume": 350.0}).apply(changed)
     PhysicsChange(values={"sigma": 0.5, "g": 2.0}).apply(changed)
-    given = start(ball("a", gamma=0.5, volume=400.0), ball("b", 9.5), sigma=0.5, g=2.0)
+    given = start(ball("a", gamma=0.5, volume=350.0), ball("b", 9.5), sigma=0.5, g=2.0)
     for simulation in (changed, given):
         simulation.step(10)
     np.testing.assert_array_equal(changed.volumes, given.volumes)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
 
 from morphosim import (
     BoxWalls,
@@ -67,18 +68,56 @@ def test_sphere() -> None:
     assert ball.volume == pytest.approx(113.0973, abs=1e-3)
 
 
+@pytest.mark.parametrize("radius", [2.0, 3.0, 5.0, 20.0])
+@pytest.mark.parametrize("scale", [0.8, 1.2])
+def test_start_field_of_a_sphere_has_its_volume(radius: float, scale: float) -> None:
+    field = start(Sphere(center=CENTER, radius=radius), scale=scale)
+    assert volume(field) == pytest.approx(4 / 3 * np.pi * radius**3, rel=1.1e-4)
+    np.testing.assert_allclose(centroid(field, H), CENTER, atol=1e-3)
+
+
 @pytest.mark.parametrize("radius", [3.0, 5.0])
 @pytest.mark.parametrize("scale", [0.8, 1.2])
-def test_start_field_of_a_sphere_has_the_integral_of_its_profile(
-    radius: float, scale: float
-) -> None:
+def test_surface_of_a_start_field_lies_within_its_sphere(radius: float, scale: float) -> None:
     # The Fermi integral ∫ 4π r² (1 + tanh(s (R - r))) / 2 dr, up to terms of exp(-4 s R).
-    expected = 4 * np.pi / 3 * (radius**3 + np.pi**2 * radius / (4 * scale**2))
-    expected += np.pi / scale**3 * np.exp(-2 * scale * radius)
+    def integral(R: float) -> float:
+        plain = 4 * np.pi / 3 * (R**3 + np.pi**2 * R / (4 * scale**2))
+        return float(plain + np.pi / scale**3 * np.exp(-2 * scale * R))
+
+    surface = brentq(lambda R: integral(R) - 4 / 3 * np.pi * radius**3, 0.5, radius)
     field = start(Sphere(center=CENTER, radius=radius), scale=scale)
-    assert volume(field) == pytest.approx(expected, rel=1e-4)
-    np.testing.assert_allclose(centroid(field, H), CENTER, atol=1e-3)
-    np.testing.assert_allclose(surface_radii(field, CENTER), radius, atol=0.06)
+    np.testing.assert_allclose(surface_radii(field, CENTER), surface, atol=0.06)
+
+
+SHAPES = {
+    "sphere": Sphere(center=CENTER, radius=3),
+    "ellipsoid": Ellipsoid(center=CENTER, semi_axes=(7, 5, 4)),
+    "mask": Mask(mask=np.ones((9, 12, 7)), spacing=0.5),
+    "large": Sphere(center=CENTER, radius=30),
+}
+
+
+@pytest.mark.parametrize("kind", list(SHAPES))
+@pytest.mark.parametrize("share", [0.75, 1.0, 1.25, 2.0])
+def test_start_field_has_the_volume_that_is_asked_for(kind: str, share: float) -> None:
+    """Down to its tail: the box grows with it."""
+    shape, h = SHAPES[kind], 1.0 if kind == "large" else H
+    _, phi = lattice_field(shape, "a", 1.0, h, share * shape.volume)
+    assert phi.sum() * h**3 == pytest.approx(share * shape.volume, rel=1.1e-4)
+    assert max(np.take(phi, k, axis).max() for axis in range(3) for k in (0, -1)) < 5e-5
+
+
+def test_a_shape_larger_than_its_bounds_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"cell 'a': its shape has a volume of .*bounds"):
+        lattice_field(Boastful(Sphere(center=CENTER, radius=3)), "a", 1.0, H)
+
+
+class Boastful:
+    """A shape that says a hundred times its volume."""
+
+    def __init__(self, shape: Sphere) -> None:
+        self.exact, self.depth, self.bounds = True, shape.depth, shape.bounds
+        self.volume = 100 * shape.volume
 
 
 def test_start_field_reaches_down_to_its_tail() -> None:

@@ -1,10 +1,12 @@
 """From shapes to phase fields on the lattice."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim import _validate
 from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.shapes import Field, Shape
 from morphosim.provenance import memory
@@ -14,6 +16,8 @@ NEGLIGIBLE = 1e-5
 """Fields are laid out to where their profile falls below this."""
 LEAST_POINTS = 27
 """A cell that is above 1/2 at fewer lattice points is not resolved: its radius is below 2 h."""
+BALL_ERROR = 1e-4
+"""Share of the volume by which a start field may be off."""
 FARTHEST = 2**31
 """Cells lie within this many lattice points of the origin."""
 KEPT_BYTES, START_BYTES = 8, 32
@@ -21,9 +25,13 @@ KEPT_BYTES, START_BYTES = 8, 32
 
 
 def lattice_field(
-    shape: Shape | Field, name: str, scale: float, spacing: float
+    shape: Shape | Field, name: str, scale: float, spacing: float, volume: float | None = None
 ) -> tuple[NDArray[np.int64], Floats]:
     """Lattice origin and phase field of a cell's start shape.
+
+    The interface has its equilibrium profile and lies where ∫ φ is the volume. The tails of the
+    profile hold more outside of the surface than is missing within (`ball_radius`), so that the
+    surface φ = 1/2 of a ball of 5 µm encloses 9 % less at c = 2.
 
     Parameters
     ----------
@@ -32,6 +40,8 @@ def lattice_field(
     scale : float
         √(c/2) in 1/µm, `Physics.interface_scale`.
     spacing : float, µm
+    volume : float, optional
+        ∫ φ of the field, µm³, by default the volume of the shape; a `Field` has its own.
 
     Returns
     -------
@@ -42,16 +52,19 @@ def lattice_field(
     ------
     ValueError
         The shape is too small for the lattice: its field exceeds 1/2 at too few points. Or it is
-        too large for the memory, or too far out.
+        too large for the memory, or too far out. Or it cannot have the volume.
     """
-    first, last = lattice_corners(shape, name, scale, spacing)
+    volume = shape.volume if volume is None else volume
+    first, last = lattice_corners(shape, name, scale, spacing, volume)
     check_memory(f"cell {name!r} takes", [float((last - first + 1.0).prod())], spacing)
     axes = [np.arange(a, b + 1) * spacing for a, b in zip(first, last, strict=True)]
     points = list(np.meshgrid(*axes, indexing="ij", sparse=True))
     if isinstance(shape, Field):
         origin, phi = first, shape.values(*points)
     else:
-        origin, phi = first, _from_depth(shape, points, scale, spacing)
+        depth = np.ascontiguousarray(np.broadcast_to(shape.depth(*points), _grid_shape(points)))
+        with _validate.told_of(f"cell {name!r}"):
+            origin, phi = first, start_profile(depth, shape.volume, volume, scale, spacing)
     check_resolved(
         phi, spacing, f"cell {name!r}: its start field",
         "make the shape larger, the spacing finer, or a mask's smoothing smaller",
@@ -95,16 +108,19 @@ def least_volume(spacing: float) -> float:
 
 
 def lattice_corners(
-    shape: Shape | Field, name: str, scale: float, spacing: float
+    shape: Shape | Field, name: str, scale: float, spacing: float, volume: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last lattice point, (3,) each, of the box that a cell's start field takes.
+    """First and last lattice point, (3,) each, of the box that a start field of a volume takes.
 
     Raises
     ------
     ValueError
         The shape is too far out for the lattice.
     """
-    tail = 0.0 if isinstance(shape, Field) else -np.log(NEGLIGIBLE) / (2 * scale)
+    tail = 0.0
+    if not isinstance(shape, Field):  # no shape needs to grow by more than a ball does
+        growth = radius_of(volume) - radius_of(shape.volume)
+        tail = max(growth, 0.0) - np.log(NEGLIGIBLE) / (2 * scale)
     low, high = (
         (corner + s * tail) / spacing for corner, s in zip(shape.bounds(), (-1, 1), strict=True)
     )
@@ -138,11 +154,21 @@ def check_memory(what: str, points: Sequence[float], spacing: float) -> None:
         raise ValueError(message)
 
 
-def _from_depth(shape: Shape, points: list[Floats], scale: float, spacing: float) -> Floats:
-    """φ = (1 + tanh(scale (depth + shift))) / 2 with the shift that gives the shape's volume."""
-    depth = np.ascontiguousarray(np.broadcast_to(shape.depth(*points), _grid_shape(points)))
-    shift = 0.0 if shape.exact else volume_shift(depth, shape.volume, scale, spacing)
-    return profile(depth + shift, scale)
+def start_profile(depth: Floats, own: float, volume: float, scale: float, spacing: float) -> Floats:
+    """φ = (1 + tanh(scale (depth + shift))) / 2 with the shift at which ∫ φ is a volume.
+
+    Parameters
+    ----------
+    depth : (nx, ny, nz) µm, below the surface of a shape
+    own : volume of the shape, µm³
+    volume : of the field, µm³
+    scale : 1/µm
+    spacing : µm
+    """
+    phi = profile(depth + ball_radius(volume, scale) - radius_of(own), scale)  # exact for a ball
+    if abs(float(phi.sum()) * spacing**3 - volume) > BALL_ERROR * volume:
+        phi = profile(depth + volume_shift(depth, volume, scale, spacing), scale)
+    return phi
 
 
 def _grid_shape(points: list[Floats]) -> tuple[int, ...]:
@@ -154,12 +180,43 @@ def profile(depth: Floats, scale: float) -> Floats:
     return np.asarray(0.5 * (1 + np.tanh(scale * depth)))
 
 
+def ball_integral(volume: float, scale: float) -> float:
+    """∫ φ of a free ball whose surface φ = 1/2 encloses a volume, µm³."""
+    return volume * (1 + (math.pi / (2 * scale * radius_of(volume))) ** 2)
+
+
+def ball_radius(integral: float, scale: float) -> float:
+    """Radius of the surface φ = 1/2 of a free ball, µm: R³ + π² R / (4 scale²) = 3 ∫ φ / (4 π)."""
+    unit = math.pi / (scale * math.sqrt(12))
+    half = radius_of(integral) ** 3 / 2
+    return 2 * unit * math.sinh(math.asinh(half / unit**3) / 3)
+
+
+def radius_of(volume: float) -> float:
+    """Radius of the ball of a volume, µm."""
+    return float((3 * volume / (4 * math.pi)) ** (1 / 3))
+
+
 def volume_shift(depth: Floats, volume: float, scale: float, spacing: float) -> float:
-    """Displacement of the surface, µm, at which ∫ φ is `volume`."""
+    """Displacement of the surface, µm, at which ∫ φ is `volume`.
+
+    Raises
+    ------
+    ValueError
+        There is none: all of the box is less.
+    """
     from scipy.optimize import brentq
 
     def excess(shift: float) -> float:
         return float(profile(depth + shift, scale).sum() * spacing**3 - volume)
 
+    if depth.size * spacing**3 <= volume:
+        message = (
+            f"its shape has a volume of {volume:.3g} µm³, but lies in a box (`bounds`) of "
+            f"{depth.size * spacing**3:.3g}; correct one of them"
+        )
+        raise ValueError(message)
     reach = 5.0
+    while excess(-reach) > 0 or excess(reach) < 0:
+        reach *= 2
     return float(brentq(excess, -reach, reach, xtol=1e-6))

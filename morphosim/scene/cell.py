@@ -13,6 +13,8 @@ from morphosim.physics.parameters import Physics
 VolumeFunction = Callable[[float], float]
 CHANGEABLE = ("type", "gamma", "volume", "frozen")
 """Values of a cell that may change while it lives."""
+NEAR = 0.25
+"""A target volume is near that of the shape if it differs by at most this share of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +54,9 @@ class Cell:
     shape : Shape
         Sphere, Ellipsoid, Mask or Field (or a cell of a power partition).
     volume : float or function of time, optional
-        Target volume V(t) in µm³; by default the volume of the shape.
+        Target volume V(t) in µm³; by default the volume of the shape. A cell that starts from a
+        Sphere or an Ellipsoid has ∫ φ = V(0) from the first, unless V(0) is more than 25 % off the
+        shape's volume: then, and from other shapes, it starts with the shape's and comes to V(t).
     type : str
         Cell type, for attraction by type.
     gamma : float, optional
@@ -93,6 +97,13 @@ class Cell:
     def target_volume(self, time: float) -> float:
         """V(t) in µm³; raises ValueError if it is not positive and finite."""
         return volume_at(self.name, self.shape.volume if self.volume is None else self.volume, time)
+
+    @property
+    def start_volume(self) -> float:
+        """∫ φ that the cell starts with, µm³: its target where that may be and is near."""
+        own, target = self.shape.volume, self.target_volume(0.0)
+        nominal = not (isinstance(self.shape, Field) or self.shape.exact)
+        return target if nominal and abs(target - own) <= NEAR * own else own
 
 
 def shape_parts(shape: Any) -> tuple[str, ...]:

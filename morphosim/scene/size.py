@@ -13,7 +13,9 @@ def lattice_points(scene: Scene) -> list[float]:
         A cell lies too far out for the lattice.
     """
     scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
-    corners = [lattice_corners(c.shape, c.name, scale, spacing) for c in scene.cells]
+    corners = [
+        lattice_corners(c.shape, c.name, scale, spacing, c.start_volume) for c in scene.cells
+    ]
     return [float((last - first + 1.0).prod()) for first, last in corners]
 
 

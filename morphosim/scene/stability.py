@@ -123,12 +123,12 @@ def _walls_press(scene: Scene) -> bool:
 
 
 def _grows(cell: Cell) -> bool:
-    return callable(cell.volume) or cell.target_volume(0.0) > GROWTH * cell.shape.volume
+    return callable(cell.volume) or cell.target_volume(0.0) > GROWTH * cell.start_volume
 
 
 def _is_pressed(cell: Cell, scene: Scene) -> bool:
     spacing, scale = scene.numerics.spacing, scene.physics.interface_scale
-    origin, phi = lattice_field(cell.shape, cell.name, scale, spacing)
+    origin, phi = lattice_field(cell.shape, cell.name, scale, spacing, cell.start_volume)
     return share_outside(scene.confinement, origin, phi, spacing) > MOST_OUTSIDE
 
 

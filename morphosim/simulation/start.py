@@ -37,7 +37,7 @@ def start_fields(
     """
     scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
     for cell in cells:
-        origin, phi = lattice_field(cell.shape, cell.name, scale, spacing)
+        origin, phi = lattice_field(cell.shape, cell.name, scale, spacing, cell.start_volume)
         _check_inside(cell, share_outside(scene.confinement, origin, phi, spacing))
         yield origin, phi
 

@@ -11,7 +11,7 @@ from morphosim.geometry.shapes.protocol import Floats
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ellipsoid:
-    """Ellipsoid along the axes."""
+    """Ellipsoid along the axes; as with a `Sphere`, its volume is ∫ φ."""
 
     center: ArrayLike
     semi_axes: ArrayLike
@@ -23,8 +23,8 @@ class Ellipsoid:
 
     @property
     def exact(self) -> bool:
-        """True: the surface is where it was put."""
-        return True
+        """False: a target volume near its own takes its place."""
+        return False
 
     @property
     def volume(self) -> float:

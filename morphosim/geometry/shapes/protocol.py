@@ -9,11 +9,14 @@ Floats = NDArray[np.float64]
 
 
 class Shape(Protocol):
-    """A region of space that `phase_field.lattice_field` turns into a phase field."""
+    """A region of space that `phase_field.lattice_field` turns into a phase field.
+
+    The surface moves along its normal until ∫ φ is the volume that the cell starts with.
+    """
 
     @property
     def exact(self) -> bool:
-        """Whether the surface stays where the shape puts it; else it moves to fit the volume."""
+        """Whether a cell starts with this volume whatever its target is; else see `Cell`."""
 
     @property
     def volume(self) -> float:

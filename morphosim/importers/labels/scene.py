@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike
 
 from morphosim import _validate
 from morphosim.geometry.confinement import Confinement
-from morphosim.geometry.phase_field import least_volume
+from morphosim.geometry.phase_field import ball_integral, least_volume
 from morphosim.geometry.shapes import Mask
 from morphosim.importers.labels.cell_table import read_cells
 from morphosim.importers.labels.image_file import read_labels
 from morphosim.importers.labels.label_image import LabelImage, Piece, SegmentationWarning, pieces_of
 from morphosim.importers.labels.resampling import resampled, walls_around
 from morphosim.importers.labels.target_volumes import (
-    ball_integral,
     ball_target,
     settled_targets,
 )
@@ -172,7 +171,8 @@ def _cells(
         start = target = piece.count * image.voxel
         if volumes != "voxels":
             gamma = said.get("gamma") or physics.gamma
-            start, target = ball_integral(start, physics.c), ball_target(start, gamma, physics)
+            target = ball_target(start, gamma, physics)
+            start = ball_integral(start, physics.interface_scale)
         mask, origin = resampled(piece, image, step, start)
         shape = Mask(mask=mask, origin=origin, spacing=step, smoothing=smoothing)
         yield Cell(shape=shape, **({"volume": target} | said))

@@ -8,7 +8,6 @@ Neighbours and walls cut the tails off and press, by how much depends on all of 
 scene is run until its cells have settled, and the targets follow.
 """
 
-import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from morphosim.errors import SimulationError
+from morphosim.geometry.phase_field import ball_integral, radius_of
 from morphosim.importers.labels.label_image import SegmentationWarning
 from morphosim.measure.surfaces import cell_surface
 from morphosim.physics.parameters import Physics
@@ -35,25 +35,15 @@ SETTLED = 1e-3
 """Sizes are settled where they are off by less than this share."""
 
 
-def ball_integral(volume: float, c: float) -> float:
-    """∫ φ of a free ball whose surface φ = 1/2 encloses this volume, µm³."""
-    return volume * (1 + math.pi**2 / (2 * c * _radius(volume) ** 2))
-
-
 def ball_target(volume: float, gamma: float, physics: Physics) -> float:
     """Target at which a free ball of surface tension γ encloses this volume, µm³."""
-    integral, strength = ball_integral(volume, physics.c), physics.volume_strength
-    pressure = 2 * gamma / _radius(volume)
+    integral, strength = ball_integral(volume, physics.interface_scale), physics.volume_strength
+    pressure = 2 * gamma / radius_of(volume)
     if physics.volume_constraint == "relative" and strength > 2 * pressure:
         return integral / (1 - pressure / strength)
     if physics.volume_constraint == "absolute" and strength > 0:
         return integral + pressure / strength
     return integral  # nothing, or next to nothing, holds the volume
-
-
-def _radius(volume: float) -> float:
-    """Radius of a ball, µm."""
-    return float((3 * volume / (4 * math.pi)) ** (1 / 3))
 
 
 def settled_targets(scene: Scene, enclosed: Mapping[str, float], tell: Tell = silent) -> Scene:
