@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from morphosim.exports.formats import FORMATS
+
 ROOT = Path(__file__).resolve().parents[1]
 IGNORED = shutil.ignore_patterns("__pycache__")
 
@@ -88,6 +90,39 @@ def test_all_folders_with_code_are_installed() -> None:
         stated = tomllib.load(file)["tool"]["setuptools"]["packages"]
     folders = [path.parent.relative_to(ROOT) for path in ROOT.glob("morphosim/**/__init__.py")]
     assert sorted(stated) == sorted([".".join(f.parts) for f in folders] + ["morphosim.kernels"])
+
+
+BESIDES_THE_APPLICATION = {"mpi", "sweep"}
+"""Extras of what the application does not offer."""
+
+
+def test_the_extra_of_the_application_brings_all_that_it_offers() -> None:
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        extras = tomllib.load(file)["project"]["optional-dependencies"]
+    brought, named = {"app"}, ["app"]
+    while named:
+        for requirement in extras[named.pop()]:
+            if requirement.startswith("morphosim["):
+                inner = requirement.partition("[")[2].rstrip("]").split(",")
+                named += [extra for extra in inner if extra not in brought]
+                brought.update(inner)
+    needed = _extras_asked_for() | {form.extra for form in FORMATS.values() if form.extra}
+    assert needed >= {"app", "images", "matlab", "pictures", "vtk"}
+    assert needed - BESIDES_THE_APPLICATION <= brought
+
+
+def _extras_asked_for() -> set[str]:
+    """Extras that errors of the package name."""
+    return {
+        argument.value
+        for path in ROOT.glob("morphosim/**/*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id in ("need", "how_to_install")
+        for argument in node.args[-1:]
+        if isinstance(argument, ast.Constant)
+    }
 
 
 def test_no_module_imports_a_private_name_of_another() -> None:

@@ -4,20 +4,17 @@ import asyncio
 import threading
 from pathlib import Path
 from queue import Queue
-from typing import Any
 
-import numpy as np
 import pytest
 
-from morphosim import Cell, RunWriter, Scene, Simulation, Sphere, built_in_scene
+from morphosim import Cell, RunWriter, Scene, Simulation, Sphere
 from morphosim.app import charts, store, worker
 from morphosim.app.access import Access, is_loopback
 from morphosim.app.lower import STATE, Lower
 from morphosim.app.processes import Child
 from morphosim.app.routes import Streams
-from morphosim.app.settings import Settings, facts
-from morphosim.app.source import Source
 from morphosim.app.store import Store
+from tests.app.page_state import State
 
 LOCAL = {"Host": "127.0.0.1:8080"}
 
@@ -131,19 +128,6 @@ def test_many_files_hide_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert set(Store(tmp_path).runs()) == {"export", "run"}
 
 
-class State(dict[str, Any]):
-    """The page's state without a page."""
-
-    __getattr__ = dict.__getitem__
-    __setattr__ = dict.__setitem__  # type: ignore[assignment]
-
-    def __enter__(self) -> "State":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Nobody is told."""
-
-
 def test_what_is_chosen_last_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = tmp_path / "run"
     balls = {"a": Sphere(center=(0, 0, 0), radius=3), "b": Sphere(center=(9, 0, 0), radius=3)}
@@ -179,66 +163,6 @@ def test_what_is_chosen_last_is_shown(tmp_path: Path, monkeypatch: pytest.Monkey
     assert state.history == "history of a"
     assert state.can_resume
     lower.close()
-
-
-def form(**changes: object) -> Settings:
-    """The form as it is filled for the embryo of eight cells."""
-    found = facts(built_in_scene("celegans-8"))
-    values = {
-        "source": Source(), "names": [cell["name"] for cell in found["cells"]],
-        "sigma": found["sigma"], "duration": "100", "save_every": "50", "dt": "2",
-    }  # fmt: skip
-    return Settings(**(values | changes))
-
-
-def test_the_form_says_a_scene(tmp_path: Path) -> None:
-    before = built_in_scene("celegans-8")
-    scene = form(name="runs/x", preset="fast", dt="1.5").scene(Store(tmp_path))
-    assert (scene.duration, scene.save_every, scene.name) == (100, 50, "runs/x")
-    assert (scene.numerics.solver, scene.numerics.dt) == ("band", 1.5)
-    np.testing.assert_array_equal(
-        scene.physics.attraction.matrix(scene.names), before.physics.attraction.matrix(before.names)
-    )
-    assert scene.confinement is not None
-    assert form(shell=False).scene(Store(tmp_path)).confinement is None
-
-
-def test_names_and_attraction_can_be_changed(tmp_path: Path) -> None:
-    names = [cell.name for cell in built_in_scene("celegans-8").cells]
-    sigma = [[str(v) for v in row] for row in facts(built_in_scene("celegans-8"))["sigma"]]
-    sigma[0][4] = "0.123"  # ABal pulls on MS
-    scene = form(names=["first", *names[1:]], sigma=sigma).scene(Store(tmp_path))
-    matrix = scene.physics.attraction.matrix(scene.names)
-    assert scene.names[0] == "first"
-    assert matrix[0, 4] == 0.123
-    assert matrix[4, 0] == 0.5
-
-
-@pytest.mark.parametrize(
-    ("changes", "error"),
-    [
-        ({"dt": "much"}, "time step δt = 'much' is not a number"),
-        ({"dt": "-1"}, "time step δt = -1"),
-        ({"duration": "0"}, "time = 0"),
-        ({"preset": "best"}, "preset = 'best'"),
-        ({"names": ["a"] * 8}, "cell name"),
-        ({"names": ["a"]}, "1 names for 8 cells"),
-        ({"source": Source(kind="matlab")}, "no file of masks"),
-        ({"source": Source(scene="nothing")}, "nothing"),
-    ],
-)
-def test_errors_are_worded_as_the_engine_does(
-    tmp_path: Path, changes: dict[str, object], error: str
-) -> None:
-    with pytest.raises(ValueError, match=error):
-        form(**changes).scene(Store(tmp_path))
-
-
-def test_wrong_attraction_is_named(tmp_path: Path) -> None:
-    sigma = facts(built_in_scene("celegans-8"))["sigma"]
-    sigma[1][2] = "-3"
-    with pytest.raises(ValueError, match="attraction from 'ABar' to 'ABpl' = -3"):
-        form(sigma=sigma).scene(Store(tmp_path))
 
 
 def test_jobs_of_a_process_of_their_own(tmp_path: Path) -> None:

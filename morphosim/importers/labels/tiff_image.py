@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from morphosim import _validate
+from morphosim._extras import how_to_install
 from morphosim._files import guarded, listed
 from morphosim.importers.labels.image_axes import (
     UNKNOWN,
@@ -93,7 +94,7 @@ def _values(path: Path, series: Any) -> Any:
     except ValueError as error:
         if "imagecodecs" not in str(error):
             raise
-        message = f"{path}: {error}; try: pip install imagecodecs"
+        message = f"{path}: {error}; {how_to_install('images')}"
         raise ImportError(message) from error
 
 
