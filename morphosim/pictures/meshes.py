@@ -13,6 +13,7 @@ from morphosim import _validate
 from morphosim._extras import need
 from morphosim.cell_field import CellField
 from morphosim.measure.surfaces import cell_surface
+from morphosim.pictures.joining import joined, smoothed
 from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
 from morphosim.runs.shell import read_shell, said_as_data
 
@@ -49,7 +50,7 @@ class CellMesh:
 
 
 def cell_meshes(run: "xr.Dataset", time: float | None = None) -> list[CellMesh]:
-    """Surfaces φ = 1/2 of the cells of the save nearest to `time`, or of the last.
+    """Surfaces φ = 1/2 of the cells of the save nearest to `time`, or of the last; see `joined`.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def cell_meshes(run: "xr.Dataset", time: float | None = None) -> list[CellMesh]:
 def field_meshes(
     fields: Iterable[CellField], spacing: float, types: Mapping[str, str] | None = None
 ) -> list[CellMesh]:
-    """Surfaces φ = 1/2 of fields, as a running simulation has them.
+    """Surfaces φ = 1/2 of fields, as a running simulation has them, joined where cells touch.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def field_meshes(
         Type of each cell by name; "" for cells that it lacks.
     """
     types = types or {}
-    surfaces = (cell_surface(field, spacing) for field in fields)
+    surfaces = (smoothed(cell_surface(field, spacing)) for field in joined(fields))
     return [
         CellMesh(
             surface.name,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from morphosim import BoxWalls, Cell, EllipsoidShell, Mask, Scene, Sphere, save_scene
 from morphosim.cell_field import CellField
+from morphosim.measure.contacts import contact_areas
 from morphosim.pictures.meshes import (
     CellMesh,
     cell_meshes,
@@ -18,8 +19,9 @@ from morphosim.pictures.meshes import (
     run_confinement,
     shell_mesh,
 )
+from morphosim.runs.saved_fields import load_fields
 
-from .made import HIGH, LOW, PAIR, Ball, made_run
+from .made import HIGH, LOW, H, PAIR, Ball, made_run
 
 BALL = 4 / 3 * np.pi * 4.0**3
 
@@ -56,6 +58,26 @@ def test_the_save_nearest_to_a_time_is_taken() -> None:
 def test_a_field_nowhere_above_a_half_has_no_mesh() -> None:
     field = CellField("faint", np.zeros(3, np.int64), np.full((4, 4, 4), 0.3))
     assert field_meshes([field], 0.5) == []
+
+
+@pytest.mark.parametrize(("gap", "drawn"), [(-0.5, 0.0), (0.0, 0.0), (0.7, 0.0), (2.0, 2.0)])
+def test_cells_with_contact_area_are_drawn_without_a_gap(gap: float, drawn: float) -> None:
+    run = made_run([{"a": Ball((9.0, 9.0, 9.0)), "b": Ball((17.0 + gap, 9.0, 9.0))}])
+    areas = contact_areas(load_fields(run, 0), H)
+    a, b = cell_meshes(run)
+    assert bool(areas) == (drawn == 0)
+    assert b.vertices[:, 0].min() - a.vertices[:, 0].max() == pytest.approx(drawn, abs=0.12)
+    assert a.vertices[:, 0].min() == pytest.approx(5, abs=0.05)  # free surface stays
+    assert open_edges(a.faces) == open_edges(b.faces) == 0
+
+
+def test_what_is_no_number_is_outside_and_takes_nothing_from_a_neighbour() -> None:
+    low, high = (CellField(name, np.zeros(3, np.int64), np.zeros((9, 9, 9))) for name in "ab")
+    low.phi[2:7, 2:7, 2:7] = 1
+    alone = field_meshes([low], 0.5)[0]
+    high.phi[:] = np.nan
+    (mesh,) = field_meshes([low, high], 0.5)
+    np.testing.assert_array_equal(mesh.vertices, alone.vertices)
 
 
 def test_reduced_meshes_are_small_closed_and_keep_their_volume() -> None:
