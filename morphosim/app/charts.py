@@ -40,12 +40,9 @@ def contact_matrix(run: "xr.Dataset", save: int) -> str:
     from morphosim.pictures import matrix
 
     shown = matrix.contact_matrix(run, save)
-    side = float(np.clip(2.2 + 0.42 * len(shown.names), 3.2, 7.0))
-    left, low, right, top = matrix.ROOM
-    figure = Figure((side + left + right, side + low + top))
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes((left / width, low / height, side / width, side / height))
-    matrix.draw_matrix(axes, shown)
+    side = matrix.block_side(shown)
+    figure = Figure((side, side))
+    matrix.draw_matrix(figure, (0, 0, side, side), shown)
     return _address(figure)
 
 

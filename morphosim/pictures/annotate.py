@@ -1,32 +1,37 @@
-"""What is written on pictures, by matplotlib: names, scale bar, axes, legend."""
+"""What is written on pictures, by matplotlib: title, names, scale bar, axes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.patches import Patch
-from matplotlib.textpath import text_to_path
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from morphosim.pictures.camera import Camera
-from morphosim.pictures.colours import Colouring, Scale
-from morphosim.pictures.name_tags import NameTag, place_names
+from morphosim.pictures.lettering import POINTS_PER_INCH, inches_wide, plain, shortened
+from morphosim.pictures.name_tags import Measure, NameTag, place_names
 from morphosim.pictures.painter import Panel
 from morphosim.pictures.palettes import RGB
 
 BAR_SHARE = 0.25
 """Most of a picture's width that the scale bar takes."""
-ARROW = 0.2
+ARROW = 0.18
 """Length of an axis, inches."""
+NARROW = 1.0
+"""Inches within which there is no room for both scale bar and axes."""
+HALO = 1.2
+"""Width of the rim around letters, points, which what is behind them does not cross."""
+SMALLEST = 7.0
+"""Letters of a title, points."""
 PIXELS: dict[str, Any] = {"interpolation": "nearest", "origin": "upper"}
-POINTS_PER_INCH = 72
 LUMINANCE = np.array([0.299, 0.587, 0.114])
 BRIGHT = 0.5
 """Brightness above which letters on a colour are black."""
+INDIFFERENT = 0.08
+"""So near to it either is read well."""
 
 
 class Picture(Figure):
@@ -58,22 +63,55 @@ def show_panel(ax: Axes, panel: Panel) -> None:
     ax.imshow(panel.image, extent=(0, width, height, 0), aspect="equal", **PIXELS)
 
 
-def write_names(ax: Axes, panel: Panel) -> None:
-    """Names on the cells, none over another."""
+def draw_title(figure: Figure, text: str, size: float, left: float | None = None) -> None:
+    """Title at the top, in letters of at most this size in points; in the middle, or from `left`.
+
+    A long one has smaller letters; what still has no room is left out.
+    """
+    wide, high = figure.get_size_inches()
+    room = wide - 0.2
+    fitting = float(np.clip(size * room / max(inches_wide(text, size), 1e-9), SMALLEST, size))
+    shown = plain(shortened(text, fitting, room))
+    y = 1 - 0.12 / high
+    if left is None:
+        figure.suptitle(shown, fontsize=fitting, y=y, va="top")
+    else:
+        figure.suptitle(shown, fontsize=fitting, x=left / wide, y=y, ha="left", va="top")
+
+
+def write_names(
+    ax: Axes, panel: Panel, before: Mapping[str, NameTag] | None = None, foot: int = 0
+) -> dict[str, NameTag]:
+    """Names on the cells, none over another and none within `foot` pixels of the bottom.
+
+    Names stay where they were `before`, in the frame of a film, as long as they fit there.
+    """
+    before, written = before or {}, {}
     measure = _measure(_dpi(ax))
-    for tag in place_names(panel, measure):
-        colour = ink(panel, tag, measure(tag.name, tag.size))
+    for tag in place_names(panel, measure, before=before, foot=foot):
+        ground = _ground(panel, tag, measure(tag.text, tag.size))
+        letters = ink(ground, before[tag.name].ink if tag.name in before else "")
         ax.text(
-            tag.column, tag.row, tag.name, fontsize=tag.size, color=colour,
-            ha="center", va="center_baseline", clip_on=True, parse_math=False,
+            tag.column, tag.row, tag.text, fontsize=tag.size, color=letters, ha="center",
+            va="center_baseline", clip_on=True, parse_math=False,
+            path_effects=[withStroke(linewidth=2 * HALO, foreground=ground)],
         )  # fmt: skip
+        written[tag.name] = replace(tag, ink=letters)
+    return written
 
 
-def ink(panel: Panel, tag: NameTag, size: tuple[int, int]) -> str:
-    """Black or white, whichever is better read where a tag of this size (pixels) goes."""
+def ink(ground: RGB, before: str = "") -> str:
+    """Black or white, whichever is better read on a colour; as before where both are read well."""
+    as_before = {"black": -INDIFFERENT, "white": INDIFFERENT}.get(before, 0.0)
+    return "black" if np.dot(ground, LUMINANCE) > BRIGHT + as_before else "white"
+
+
+def _ground(panel: Panel, tag: NameTag, size: tuple[int, int]) -> RGB:
+    """Colour on which a tag of this size (pixels) lies, whatever lines cross it."""
     top, left = int(tag.row - size[1] / 2), int(tag.column - size[0] / 2)
-    ground = panel.image[max(top, 0) : top + size[1], max(left, 0) : left + size[0]]
-    return "black" if ground.mean(axis=(0, 1)) @ LUMINANCE > BRIGHT * 255 else "white"
+    part = panel.image[max(top, 0) : top + size[1], max(left, 0) : left + size[0]]
+    red, green, blue = (np.median(part.reshape(-1, 3), axis=0) / 255).tolist()
+    return red, green, blue
 
 
 def draw_bar(ax: Axes, camera: Camera) -> None:
@@ -82,10 +120,9 @@ def draw_bar(ax: Axes, camera: Camera) -> None:
     left, bottom = inches(ax, 0.08), camera.size[1] - inches(ax, 0.1)
     right = left + length / camera.scale
     ax.plot([left, right], [bottom, bottom], color="black", lw=2.5, solid_capstyle="butt")
-    ax.text(
-        (left + right) / 2, bottom - inches(ax, 0.05), f"{length:g} µm", fontsize=8,
-        ha="center", va="bottom",
-    )  # fmt: skip
+    text = f"{length:g} µm"
+    middle = max((left + right) / 2, left + inches(ax, inches_wide(text, 8) / 2))
+    ax.text(middle, bottom - inches(ax, 0.05), text, fontsize=8, ha="center", va="bottom")
 
 
 def round_below(value: float) -> float:
@@ -95,10 +132,15 @@ def round_below(value: float) -> float:
 
 
 def draw_axes(ax: Axes, camera: Camera, mirror: bool) -> None:
-    """Arrows along x, y and z in the lower right corner, without those that would be too short."""
+    """Arrows along x, y and z in the lower right corner, without those that would be too short.
+
+    Narrow pictures have none: they would lie on the scale bar.
+    """
+    if camera.size[0] < inches(ax, NARROW):
+        return
     along = np.diag([1.0, 1.0, -1.0 if mirror else 1.0])
     arrows = np.stack([along @ camera.right, -along @ camera.up], axis=1)
-    length, rim = inches(ax, ARROW), inches(ax, 0.17)
+    length, rim = inches(ax, ARROW), inches(ax, 0.14)
     arrows *= length
     low, high = np.minimum(arrows.min(axis=0), 0), np.maximum(arrows.max(axis=0), 0)
     start = np.array(camera.size) - rim - high
@@ -117,65 +159,13 @@ def draw_axes(ax: Axes, camera: Camera, mirror: bool) -> None:
         ax.text(text[0], text[1], name, fontsize=8, ha="center", va="center")
 
 
-def draw_key(figure: Figure, colouring: Colouring, top: float) -> None:
-    """Legend or colour bar, below `top` in inches from the top of the figure."""
-    wide, high = figure.get_size_inches()
-    if colouring.legend:
-        handles = [
-            Patch(facecolor=colour, edgecolor="black", linewidth=0.5, label=plain(text))
-            for text, colour in colouring.legend
-        ]
-        figure.legend(
-            handles=handles, ncols=_columns(colouring.legend, wide), loc="upper center",
-            bbox_to_anchor=(0.5, 1 - top / high), frameon=False, fontsize=9, borderaxespad=0,
-            handlelength=1.0, handleheight=1.0, columnspacing=1.2, handletextpad=0.5,
-        )  # fmt: skip
-    elif colouring.scale is not None:
-        bar = min(4.0, wide * 0.5)
-        place = ((wide - bar) / 2 / wide, 1 - (top + 0.14) / high, bar / wide, 0.13 / high)
-        _colour_bar(figure.add_axes(place), colouring.scale, colouring.title)
-
-
-def key_height(colouring: Colouring, wide: float) -> float:
-    """Inches that the legend or colour bar takes in a figure of this width."""
-    if colouring.legend:
-        columns = _columns(colouring.legend, wide)
-        return 0.1 + 0.22 * -(-len(colouring.legend) // columns)
-    return 0.42 if colouring.scale is not None else 0.0
-
-
-def _columns(legend: Sequence[tuple[str, RGB]], wide: float) -> int:
-    """Columns of a legend that fit a width."""
-    widest = max(_measure(POINTS_PER_INCH)(text, 9)[0] for text, _ in legend) / POINTS_PER_INCH
-    return int(np.clip((wide - 0.2) // (widest + 0.42), 1, len(legend)))
-
-
-def _colour_bar(ax: Axes, scale: Scale, title: str) -> None:
-    stops = np.array(scale.stops)
-    shades = LinearSegmentedColormap.from_list("scale", [tuple(stop) for stop in stops.tolist()])
-    ramp = np.linspace(0, 1, 256)[None]
-    ax.imshow(ramp, cmap=shades, aspect="auto", extent=(scale.low, scale.high, 0, 1))
-    values, texts = zip(*scale.ticks, strict=True)
-    ax.set_xticks(values, [plain(text) for text in texts], fontsize=8)
-    ax.set_yticks([])
-    ax.set_ylabel(title, fontsize=9, rotation=0, ha="right", va="center")
-
-
-def _measure(dpi: float) -> Any:
-    """Function that measures texts for a resolution, see `name_tags.Measure`."""
+def _measure(dpi: float) -> Measure:
+    """Function that measures texts for a resolution."""
 
     def measure(text: str, size: float) -> tuple[int, int]:
-        font = FontProperties(size=size)
-        width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
-        pixels = dpi / POINTS_PER_INCH
-        return round(width * pixels) + 4, round(size * pixels) + 2
+        return round(inches_wide(text, size) * dpi) + 4, round(size * dpi / POINTS_PER_INCH) + 2
 
     return measure
-
-
-def plain(text: str) -> str:
-    """Text whose dollar signs matplotlib does not take as mathematics."""
-    return text.replace("$", r"\$")
 
 
 def _dpi(ax: Axes) -> float:

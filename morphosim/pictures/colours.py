@@ -23,7 +23,7 @@ from morphosim.pictures.palettes import (
     set_apart,
     some_colours,
 )
-from morphosim.runs.saved_fields import check_saves, time_index, variable
+from morphosim.runs.saved_fields import check_saves, save_count, time_index, variable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,8 +31,10 @@ if TYPE_CHECKING:
 BY = ("cell", "type", "volume", "stage", "lineage")
 EMBRYO = ("AB", "MS", "E", "C", "D", "P", "EMS")
 """Founders of C. elegans, which have the same colours in every run."""
-MOST_IN_LEGEND = 9
-"""Of more groups there is no legend, of more stages a colour bar."""
+MOST_IN_LEGEND = {"cell": 9, "type": 40, "stage": 9, "lineage": 40}
+"""Of more groups there is no legend, of more stages a colour bar. Names of cells stand on them."""
+SHADES = 96
+"""Of a colour bar whose steps are not seen."""
 LEAST_ERROR = 1.0
 """%, least range of the colours of volume errors."""
 COMMON = 95
@@ -106,17 +108,42 @@ def cell_colours(
         `by` is not known, `colours` names nothing of the run or gives no colour, or the run lacks
         what it takes.
     """
-    _validate.choice("by", by, BY)
     if time is not None:
         _validate.number("time", time)
-    save = time_index(run, time)
+    return colours_of_saves(run, [time_index(run, time)], by, colours)[0]
+
+
+def colours_of_saves(
+    run: "xr.Dataset",
+    saves: Sequence[int],
+    by: str = "cell",
+    colours: Mapping[str, object] | None = None,
+) -> list[Colouring]:
+    """Colours of the cells of each of some saves; the legend is of all of them, in each the same.
+
+    For the parameters and errors see `cell_colours`.
+    """
+    _validate.choice("by", by, BY)
     if by == "volume":
-        return _by_volume(run, save, colours)
+        return _by_volume(run, saves, colours)
     make = {"cell": _of_cells, "type": _of_types, "stage": _of_stages, "lineage": _of_founders}
-    of_cell, palette = make[by](run, save)
+    of_cells, palette = make[by](run)
     _recolour(palette, colours or {}, by)
-    there = {name: palette[of_cell[name]] for name in living(run, save)}
-    return _with_legend(by, there, {of_cell[name] for name in there}, palette)
+    names = _names(run)
+    groups = [dict(zip(names, of_cells[save].tolist(), strict=True)) for save in saves]
+    there = [living(run, save) for save in saves]
+    shown = {of[name] for of, names in zip(groups, there, strict=True) for name in names}
+    return [
+        _with_legend(by, {name: palette[of[name]] for name in names}, shown, palette)
+        for of, names in zip(groups, there, strict=True)
+    ]
+
+
+def key_colours(colouring: Colouring) -> list[RGB]:
+    """Colours of the legend, or so many shades of the colour bar that it looks even."""
+    if colouring.scale is not None:
+        return evenly(colouring.scale.stops, SHADES)
+    return [colour for _, colour in colouring.legend]
 
 
 def _recolour(palette: dict[str, RGB], colours: Mapping[str, object], by: str) -> None:
@@ -134,44 +161,51 @@ def living(run: "xr.Dataset", save: int) -> list[str]:
 
 def type_colours(run: "xr.Dataset") -> dict[str, RGB]:
     """Colour of each type that a cell of the run ever has; "" where it has none."""
-    return _of_types(run, 0)[1]
+    return _of_types(run)[1]
 
 
-Groups = tuple[Mapping[str, str], dict[str, RGB]]
-"""Group of each cell of the run, and colour of each group."""
+Groups = tuple[NDArray[np.str_], dict[str, RGB]]
+"""Group of each cell of the run in each save, (saves, cells), and colour of each group."""
 
 
-def _of_cells(run: "xr.Dataset", save: int) -> Groups:
+def _of_cells(run: "xr.Dataset") -> Groups:
     names = _names(run)
     places = set_apart(len(names), _ever_touching(run))
-    return dict(zip(names, names, strict=True)), dict(zip(names, places, strict=True))
+    return _always(run, names), dict(zip(names, places, strict=True))
 
 
-def _of_types(run: "xr.Dataset", save: int) -> Groups:
+def _of_types(run: "xr.Dataset") -> Groups:
     kinds = variable(run, "type", "time", "cell").values.astype(str)
     there = np.isfinite(variable(run, "volume", "time", "cell").values)
     known = sorted(set(kinds[there].tolist()) - {""})
-    palette = dict(zip(known, some_colours(len(known)), strict=True)) | {"": GREY}
-    return dict(zip(_names(run), kinds[save].tolist(), strict=True)), palette
+    return kinds, dict(zip(known, some_colours(len(known)), strict=True)) | {"": GREY}
 
 
-def _of_stages(run: "xr.Dataset", save: int) -> Groups:
+def _of_stages(run: "xr.Dataset") -> Groups:
     stages = variable(run, "stage", "time").values.astype(str)
     there = np.isfinite(variable(run, "volume", "time", "cell").values)
     order = list(dict.fromkeys(stages.tolist()))
     palette = dict(zip(order, evenly(SEQUENTIAL, len(order)), strict=True))
-    return dict(zip(_names(run), stages[there.argmax(axis=0)].tolist(), strict=True)), palette
+    return _always(run, stages[there.argmax(axis=0)].tolist()), palette
 
 
-def _of_founders(run: "xr.Dataset", save: int) -> Groups:
+def _of_founders(run: "xr.Dataset") -> Groups:
     founder = founders(run)
     order = list(dict.fromkeys(founder.values()))
     if set(order) <= set(EMBRYO):
         order = list(EMBRYO)
-    return founder, dict(zip(order, some_colours(len(order)), strict=True))
+    palette = dict(zip(order, some_colours(len(order)), strict=True))
+    return _always(run, [founder[name] for name in _names(run)]), palette
 
 
-def _by_volume(run: "xr.Dataset", save: int, colours: Mapping[str, object] | None) -> Colouring:
+def _always(run: "xr.Dataset", groups: Sequence[str]) -> NDArray[np.str_]:
+    """Groups (cells,) that are the same in every save."""
+    return np.broadcast_to(np.array(groups, str), (save_count(run), len(groups)))
+
+
+def _by_volume(
+    run: "xr.Dataset", saves: Sequence[int], colours: Mapping[str, object] | None
+) -> list[Colouring]:
     """Relative error of the volumes, in %; grey where there is no target."""
     if colours is not None:
         message = "colours has no effect where by = 'volume': errors are on a scale"
@@ -180,15 +214,19 @@ def _by_volume(run: "xr.Dataset", save: int, colours: Mapping[str, object] | Non
     errors = 100 * (variable(run, "volume", "time", "cell").values / target - 1)
     common = np.nanpercentile(np.abs(errors), COMMON) if np.isfinite(errors).any() else 0.0
     high = _round_up(max(float(common), LEAST_ERROR))
-    shown = np.clip(errors[save] / high, -1, 1)
-    error = dict(zip(_names(run), shown.tolist(), strict=True))
-    there = {
-        name: interpolated(DIVERGING, (error[name] + 1) / 2) if np.isfinite(error[name]) else GREY
-        for name in living(run, save)
-    }
     ticks = [(value, f"{value:+g}" if value else "0") for value in (-high, -high / 2, 0, high / 2)]
     scale = Scale(-high, high, DIVERGING, [*ticks, (high, f"{high:+g}")])
-    return Colouring("volume", "volume error, %", there, scale=scale)
+    names, places = _names(run), np.clip((errors / high + 1) / 2, 0, 1)
+    made = []
+    for save in saves:
+        place, there = dict(zip(names, places[save].tolist(), strict=True)), living(run, save)
+        colour = {name: _on_scale(place[name]) for name in there}
+        made.append(Colouring("volume", "volume error, %", colour, scale=scale))
+    return made
+
+
+def _on_scale(place: float) -> RGB:
+    return interpolated(DIVERGING, place) if np.isfinite(place) else GREY
 
 
 def _round_up(value: float) -> float:
@@ -199,9 +237,10 @@ def _round_up(value: float) -> float:
 
 def groups(run: "xr.Dataset", save: int) -> dict[str, str]:
     """Group of each cell, sorted by group: by type if there are several, or else by lineage."""
-    of_cell, palette = _of_types(run, save)
+    of_cells, palette = _of_types(run)
     if len(palette) <= 2:  # one type, and none
-        of_cell, palette = _of_founders(run, save)
+        of_cells, palette = _of_founders(run)
+    of_cell = dict(zip(_names(run), of_cells[save].tolist(), strict=True))
     order = {group: k for k, group in enumerate(palette)}
     return dict(sorted(of_cell.items(), key=lambda item: order[item[1]]))
 
@@ -214,7 +253,7 @@ def _with_legend(
 ) -> Colouring:
     """Legend of what is there; many stages become a colour bar."""
     groups = [name for name in palette if name in shown]
-    if len(groups) <= MOST_IN_LEGEND:
+    if len(groups) <= MOST_IN_LEGEND[by]:
         legend = [(name or f"no {by}", palette[name]) for name in groups]
         return Colouring(by, TITLES[by], colours, legend)
     if by != "stage":

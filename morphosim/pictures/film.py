@@ -1,6 +1,6 @@
 """Films of a run: the cells over time, from a fixed or a slowly turning camera."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,9 @@ from morphosim import _validate
 from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import View, checked_pixels, directions, swept, turned
+from morphosim.pictures.colours import colours_of_saves, key_colours
+from morphosim.pictures.gif import write_gif
+from morphosim.pictures.lettering import inches_wide
 from morphosim.pictures.plot import draw_sight
 from morphosim.pictures.sight import (
     Sight,
@@ -21,6 +24,7 @@ from morphosim.pictures.sight import (
     run_corners,
     sight,
     surroundings,
+    title,
 )
 from morphosim.progress import Tell
 from morphosim.runs.saved_fields import save_count, time_index
@@ -28,19 +32,21 @@ from morphosim.runs.saved_fields import save_count, time_index
 if TYPE_CHECKING:
     import xarray as xr
 
+    from morphosim.pictures.name_tags import NameTag
     from morphosim.pictures.painter import Painter
 
 Pixels = NDArray[np.uint8]
 FORMATS = (".mp4", ".gif")
-DPI = 100
-TITLE = 0.42
-"""Inches for the time and stage."""
+DPI, USUAL = 100.0, (960, 720)
+"""Pixels per inch of films of this size."""
+LEAST_DPI = 60.0
+"""Below it letters are not read."""
+TITLE, LETTERS = 0.42, 11.0
+"""Inches for the time and stage, and their letters in points."""
 SLOWEST, FASTEST = 0.01, 1000.0
 """Frames per second: a GIF's last at most 655 s, and coders never end where there are too many."""
 QUALITY = 8
 """Of the video, of 10."""
-GIF_LEAST = 2
-"""1/100 s, least time of a frame that browsers keep to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +59,13 @@ class _Shooting:
     points: NDArray[np.float64]
     names: bool
     mirror: bool
+    titles: Sequence[str]
+
+    @property
+    def dpi(self) -> float:
+        """Pixels per inch, so that letters keep their share of the picture."""
+        wide, high = self.size
+        return max(DPI * min(wide / USUAL[0], high / USUAL[1]), LEAST_DPI)
 
 
 def film(
@@ -69,7 +82,7 @@ def film(
     shell: bool = True,
     mirror: bool = False,
     bounds: ArrayLike | None = None,
-    size: tuple[int, int] = (960, 720),
+    size: tuple[int, int] = USUAL,
     tell: Tell | None = None,
 ) -> None:
     """Write a film of a run, one frame per save.
@@ -123,15 +136,23 @@ def film(
     points = _points(run, bounds, around, mirror)
     width, height = (pixels // 2 * 2 for pixels in checked_pixels(size, least=64))
     shooting = _Shooting(
-        (width, height), view, turn, swept(points) if turn else points, names, mirror
-    )
+        (width, height), view, turn, swept(points) if turn else points, names, mirror,
+        [title(run, float(run["time"].values[save])) for save in saves],
+    )  # fmt: skip
+
+    shown = sorted(set(saves))
+    colourings = dict(zip(shown, colours_of_saves(run, shown, by, colours), strict=True))
 
     def look(save: int) -> Sight:
-        return sight(run, float(run["time"].values[save]), by, colours, mirror, around)
+        time = float(run["time"].values[save])
+        return sight(run, time, colourings[save], mirror, around)
 
-    write = _write_mp4 if target.suffix.lower() == ".mp4" else _write_gif
     with replacing(target) as partial, closing(_frames(saves, look, shooting)) as frames:
-        write(partial, _told(frames, len(saves), tell), shooting.size, fps)
+        told = _told(frames, len(saves), tell)
+        if target.suffix.lower() == ".mp4":
+            _write_mp4(partial, told, shooting.size, fps)
+        else:
+            write_gif(partial, told, shooting.size, fps, key_colours(colourings[saves[0]]))
 
 
 def _saves(run: "xr.Dataset", times: Iterable[float] | None) -> list[int]:
@@ -161,32 +182,38 @@ def _frames(
     from morphosim.pictures.painter import Painter
 
     shown, seen = -1, None
+    tags: dict[str, NameTag] = {}
     step = shooting.turn / max(len(saves) - 1, 1)
     with Painter() as painter:
         for k, save in enumerate(saves):
             if seen is None or save != shown:
                 shown, seen = save, look(save)
             view = turned(shooting.view, k * step) if shooting.turn else shooting.view
-            yield _frame(seen, painter, view, shooting)
+            yield _frame(seen, painter, view, shooting, tags)
 
 
-def _frame(seen: Sight, painter: "Painter", view: View, shooting: _Shooting) -> Pixels:
-    """One frame: (height, width, 3)."""
+def _frame(
+    seen: Sight, painter: "Painter", view: View, shooting: _Shooting, tags: "dict[str, NameTag]"
+) -> Pixels:
+    """One frame: (height, width, 3). Of `tags`, names of the frame before, it makes its own."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     from morphosim.pictures import annotate
+    from morphosim.pictures.key import draw_key, key_height
 
-    wide, high = (pixels / DPI for pixels in shooting.size)
-    figure = Figure(figsize=(wide, high), dpi=DPI)
+    wide, high = (pixels / shooting.dpi for pixels in shooting.size)
+    figure = Figure(figsize=(wide, high), dpi=shooting.dpi)
     canvas = FigureCanvasAgg(figure)
-    figure.suptitle(seen.title, fontsize=11, y=1 - 0.12 / high, va="top")
-    annotate.draw_key(figure, seen.colouring, TITLE)
-    top = TITLE + annotate.key_height(seen.colouring, wide)
+    widest = max(inches_wide(title, LETTERS) for title in shooting.titles)
+    annotate.draw_title(figure, seen.title, LETTERS, max((wide - widest) / 2, 0.1))
+    draw_key(figure, seen.colouring, TITLE)
+    top = TITLE + key_height(seen.colouring, wide, high)
     ax = figure.add_axes((0, 0, 1, max(1 - top / high, 0.1)))
     draw_sight(
-        ax, seen, painter, view, shooting.points, names=shooting.names, mirror=shooting.mirror
-    )
+        ax, seen, painter, view, shooting.points, names=shooting.names, mirror=shooting.mirror,
+        before=tags,
+    )  # fmt: skip
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
@@ -220,14 +247,3 @@ def _write_mp4(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps:
     if written != sent:  # of which the writer says nothing
         message = f"ffmpeg wrote {written} of {sent} frames"
         raise OSError(message)
-
-
-def _write_gif(path: Path, frames: Iterable[Pixels], size: tuple[int, int], fps: float) -> None:
-    from PIL import Image
-
-    images = (Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE) for frame in frames)
-    first = next(images)
-    duration = 10 * max(round(100 / fps), GIF_LEAST)  # ms, which the file holds in 1/100 s
-    first.save(
-        path, "GIF", save_all=True, append_images=images, duration=duration, loop=0, disposal=1
-    )

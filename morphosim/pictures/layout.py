@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.pictures.camera import View, extent
@@ -15,10 +16,15 @@ LONELY = 9.0
 """Width of a figure with one part, inches."""
 RIM, GAP, TITLE = 0.15, 0.2, 0.5
 """Around the figure, between its parts, and for its title, inches."""
+HALVINGS = 50
+"""Of the range in which the scale is looked for."""
 SPARE = 1.04
 """Room of a view, of what it shows."""
-MATRIX = 0.5
-"""Side of the contact matrix with its texts, of the largest extent of a view."""
+NARROWEST, LOWEST = 1.15, 0.3
+"""Least width of a view, for scale bar and axes, and least height above them, inches."""
+BLOCK, SHARE = 4.0, 0.45
+"""Side of a block that a figure of the usual size has room for, inches, and the largest block as a
+share of a figure of a given size."""
 
 LEAST, MOST = 2, 48
 """Sides that a figure may have, inches."""
@@ -47,20 +53,66 @@ class Layout:
     places: list[Place]
     key_top: float
 
-    def share(
-        self, place: Place, room: Place = (0.0, 0.0, 0.0, 0.0)
-    ) -> tuple[float, float, float, float]:
-        """Place as a share of the figure, with room in inches left, below, right and above."""
+    def share(self, place: Place) -> Place:
+        """Place as a share of the figure."""
         left, bottom, width, height = place
         wide, high = self.size
-        return (
-            (left + room[0]) / wide, (bottom + room[1]) / high,
-            max(width - room[0] - room[2], 0.1) / wide, max(height - room[1] - room[3], 0.1) / high,
-        )  # fmt: skip
+        return left / wide, bottom / high, width / wide, height / high
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Parts in rows of so many columns: the views, and a block.
+
+    Attributes
+    ----------
+    views : (V, 2) µm
+        Room that they take.
+    block : float
+        Side in inches; 0 without one.
+    foot : float
+        Inches below each view.
+    """
+
+    views: NDArray[np.float64]
+    block: float
+    foot: float
+
+    @property
+    def count(self) -> int:
+        return len(self.views) + (self.block > 0)
+
+    @property
+    def columns(self) -> int:
+        return 1 if self.count == 1 else 2 if self.count <= 4 else 3
+
+    def sides(self, scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Widths of the columns and heights of the rows in inches, `scale` inches per µm."""
+        parts = np.maximum(self.views * scale, (NARROWEST, LOWEST)) + np.array([0, self.foot])
+        if self.block:
+            parts = np.concatenate([parts, np.full((1, 2), self.block)])
+        widths = [parts[k :: self.columns, 0].max() for k in range(self.columns)]
+        rows = range(0, len(parts), self.columns)
+        return np.array(widths), np.array([parts[k : k + self.columns, 1].max() for k in rows])
+
+    def fits(self, scale: float, room: tuple[float, float]) -> bool:
+        """Whether all parts are within a width and height in inches."""
+        return all(
+            lengths.sum() + _spent(len(lengths)) <= most
+            for lengths, most in zip(self.sides(scale), room, strict=True)
+        )
+
+    def scale(self, room: tuple[float, float]) -> float:
+        """Largest scale with which all fits, inches per µm."""
+        low, high = 0.0, float(max(room)) / max(float(self.views.max()), 1e-9)
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.fits(middle, room) else (low, middle)
+        return max(low, 1e-9)
 
 
 def layout(
-    seen: Sight, views: Sequence[View], matrix: bool, foot: float,
+    seen: Sight, views: Sequence[View], block: float, foot: float,
     size: tuple[float, float] | None,
 ) -> Layout:  # fmt: skip
     """Plan a figure: its parts in rows of up to three, all views to the same scale.
@@ -69,43 +121,36 @@ def layout(
     ----------
     seen : Sight
     views : of it
-    matrix : bool
-        Whether there is a contact matrix, after the views.
+    block : float
+        Side of a further part after the views, inches: the contact matrix; 0 without one.
     foot : float
         Inches below each view.
     size : (float, float), optional
         Width and height in inches.
     """
-    from morphosim.pictures.annotate import key_height
+    from morphosim.pictures.key import key_height
 
-    blocks = np.array([extent(seen.points, view) for view in views]) * SPARE
-    if matrix:
-        blocks = np.concatenate([blocks, np.full((1, 2), MATRIX * blocks.max())])
-    columns = 1 if len(blocks) == 1 else 2 if len(blocks) <= 4 else 3
-    widths = np.array([blocks[k::columns, 0].max() for k in range(columns)])
-    heights = np.array([row.max() for row in _rows(blocks[:, 1], columns)])
     given = _checked_size(size)
-    wide = given[0] if given else LONELY if len(blocks) == 1 else WIDE
-    top = TITLE + key_height(seen.colouring, wide)
-    spent = _spent(columns, 0.0), top + _spent(len(heights), foot)
-    high = given[1] if given else HIGH
-    scale = max(min((wide - spent[0]) / widths.sum(), (high - spent[1]) / heights.sum()), 1e-9)
-    if given is None:
-        wide = max(widths.sum() * scale + spent[0], wide * 0.5)
-        high = heights.sum() * scale + spent[1]
+    extents = np.array([extent(seen.points, view) for view in views]) * SPARE
+    wide, high = given or (LONELY if len(views) == 1 and not block else WIDE, HIGH)
+    top = TITLE + key_height(seen.colouring, wide, high)
+    if given:
+        grid = _Grid(extents, min(block, SHARE * wide, SHARE * (high - top)), foot)
+        scale = grid.scale((wide, high - top))
+    else:
+        grid, more = _Grid(extents, block, foot), max(block - BLOCK, 0.0)
+        scale = grid.scale((wide + more, high + more - top))
+        lengths = [side.sum() + _spent(len(side)) for side in grid.sides(scale)]
+        wide, high = max(lengths[0], wide * 0.5), lengths[1] + top
     return Layout(
-        (float(wide), float(high)), float(scale),
-        _places(len(blocks), widths * scale, heights * scale + foot, (wide, high - top)), TITLE,
+        (float(wide), float(high)), scale,
+        _places(grid.count, *grid.sides(scale), (wide, high - top)), TITLE,
     )  # fmt: skip
 
 
-def _rows(values: np.ndarray, columns: int) -> list[np.ndarray]:
-    return [values[k : k + columns] for k in range(0, len(values), columns)]
-
-
-def _spent(parts: int, each: float) -> float:
-    """Inches that rims, gaps and feet take along one axis."""
-    return 2 * RIM + (parts - 1) * GAP + parts * each
+def _spent(parts: int) -> float:
+    """Inches that rims and gaps take along one axis."""
+    return 2 * RIM + (parts - 1) * GAP
 
 
 def _places(
@@ -113,7 +158,7 @@ def _places(
 ) -> list[Place]:
     """Places of the parts, row by row from the top, in the middle of a room."""
     left = (room[0] - widths.sum() - GAP * (len(widths) - 1)) / 2
-    top = room[1] - (room[1] - heights.sum() - GAP * (len(heights) - 1)) / 2
+    top = room[1] - max(room[1] - heights.sum() - GAP * (len(heights) - 1), 0.0) / 2
     lefts = left + np.cumsum([0, *(widths[:-1] + GAP)])
     bottoms = top - np.cumsum(heights) - GAP * np.arange(len(heights))
     places = []

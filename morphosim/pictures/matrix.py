@@ -1,29 +1,48 @@
 """Who touches whom at a save: the matrix of contact areas, read from a run and drawn."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from morphosim.pictures.annotate import PIXELS, plain
+from morphosim.pictures.annotate import PIXELS
 from morphosim.pictures.colours import groups, living
+from morphosim.pictures.layout import Place
+from morphosim.pictures.lettering import POINTS_PER_INCH, inches_wide, plain, shortened
 from morphosim.runs.views import contacts
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FEW_NAMES = 30
-"""Up to so many cells the matrix has their names."""
-FEW_NUMBERS = 12
-"""Up to so many cells the matrix has the areas as numbers."""
+SIZES = (9.0, 8.0, 7.0, 6.0)
+"""Letters of names, points: the largest for which there is room. Smaller ones are not read."""
+LINE = 1.1
+"""Height of a line, of its letters."""
+USUAL, LARGEST = 5.0, 7.0
+"""Side of the block of a matrix with names up to which letters may be large, and at all, inches."""
+LEAST = 3.6
+"""Side of the block of a matrix that is small or has no names, inches."""
+CELL = 0.55
+"""Most side of an entry, inches."""
+LONGEST = 0.35
+"""Share of the block that names may take."""
+RIGHT, ABOVE, RIM = 0.65, 0.3, 0.08
+"""Inches for the colour bar, for the title, and around names."""
+TINY = 0.9
+"""Side of a matrix that is too small for a colour bar and names, inches."""
 MOST_GROUPS = 14
 """Up to so many groups of many cells have their names at the matrix."""
 AREAS = LinearSegmentedColormap.from_list("areas", ["#ffffff", "#b7d4ea", "#4a98c9", "#0b3c7d"])
-ROOM = (0.75, 0.7, 0.65, 0.3)
-"""Inches left, below, right and above of the contact matrix for its texts."""
+
+Room = tuple[float, float]
+"""Width and height, inches."""
 
 
 class ContactMatrix(NamedTuple):
@@ -53,57 +72,129 @@ def contact_matrix(run: "xr.Dataset", save: int) -> ContactMatrix:
     return ContactMatrix(names, areas, [group[name] for name in names])
 
 
-def draw_matrix(ax: Axes, matrix: ContactMatrix) -> None:
-    """Draw it in axes whose right quarter inch the colour bar takes.
+def block_side(matrix: ContactMatrix) -> float:
+    """Inches of the square in which all names can be read, or their groups if they are too many."""
+    for size, most in [*((size, USUAL) for size in SIZES), *((size, LARGEST) for size in SIZES)]:
+        side = len(matrix.names) * size * LINE / POINTS_PER_INCH
+        needed = side + _label_room(matrix.names, size, most) + max(RIGHT, ABOVE)
+        if needed <= most:
+            return max(needed, LEAST)
+    return LEAST
 
-    Of many cells, groups that follow each other are marked.
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """How a matrix is drawn: side of its square, letters, and room for names, inches.
+
+    `size` is None without names of cells.
+    """
+
+    side: float
+    size: float | None
+    left: float
+    below: float
+    right: float
+
+
+def draw_matrix(figure: Figure, place: Place, matrix: ContactMatrix) -> Axes:
+    """Draw it in the middle of a place of a figure: left, bottom, width and height in inches.
+
+    Names of cells are as large as there is room. Where they could not be read, groups that follow
+    each other are marked.
     """
     names, areas, groups = matrix
-    peak = float(areas.max(initial=0)) or 1.0
-    image = ax.imshow(areas, cmap=AREAS, norm=Normalize(0, peak), **PIXELS)
-    bar = ax.inset_axes((1.03, 0.0, 0.04, 1.0))
-    ax.figure.colorbar(image, cax=bar)
-    bar.tick_params(labelsize=8)
-    ax.set_title("contact area, µm²", fontsize=9)
+    left, bottom, width, height = place
+    plan = _plan(matrix, (width, height))
+    spare = width - plan.left - plan.side - plan.right, height - plan.below - plan.side - ABOVE
+    wide, high = figure.get_size_inches()
+    ax = figure.add_axes((
+        (left + plan.left + max(spare[0], 0) / 2) / wide,
+        (bottom + plan.below + max(spare[1], 0) / 2) / high, plan.side / wide, plan.side / high,
+    ))  # fmt: skip
+    peak = float(np.nanmax(areas, initial=0))
+    image = ax.imshow(areas, cmap=AREAS, norm=Normalize(0, peak or 1.0), **PIXELS)
+    text = "contact area, µm²" if peak else "no contacts"
+    room = plan.side + min(plan.left, plan.right) * 2
+    ax.set_title(text, fontsize=float(np.clip(9 * room / inches_wide(text, 9), 5, 9)))
     for spine in ax.spines.values():
         spine.set_linewidth(0.5)
-    if len(names) <= FEW_NAMES:
-        _name_rows(ax, names)
+    ax.tick_params(length=0)
+    if plan.size is not None:
+        _name_rows(ax, names, plan)
     else:
-        _name_groups(ax, groups)
-    if len(names) <= FEW_NUMBERS:
-        _write_areas(ax, areas, peak)
+        _name_groups(ax, groups, plan)
+    if peak:
+        _write_areas(ax, areas, peak, plan.side / len(names))
+        if plan.right >= RIGHT:
+            _draw_bar(ax, image, plan.side)
+    return ax
 
 
-def _name_rows(ax: Axes, names: Sequence[str]) -> None:
-    size = float(np.clip(130 / max(len(names), 1), 4.5, 8))
-    texts = [plain(name) for name in names]
+def _plan(matrix: ContactMatrix, room: Room) -> _Plan:
+    """Names in the largest letters for which there is room, or groups, or nothing."""
+    count = max(len(matrix.names), 1)
+    for size in SIZES:
+        labels = _label_room(matrix.names, size, min(room))
+        side = min(room[0] - labels - RIGHT, room[1] - labels - ABOVE, count * CELL)
+        if side >= max(count * size * LINE / POINTS_PER_INCH, TINY):
+            return _Plan(side, size, labels, labels, RIGHT)
+    labels = _label_room(sorted(set(matrix.groups)), SIZES[1], min(room))
+    side = min(room[0] - labels - RIGHT, room[1] - labels - ABOVE)
+    if side >= TINY:
+        return _Plan(side, None, labels, labels, RIGHT)
+    side = max(min(room[0], room[1] - ABOVE), RIM)
+    return _Plan(side, None, 0.0, 0.0, 0.0)
+
+
+def _label_room(texts: Sequence[str], size: float, within: float) -> float:
+    """Inches that names take beside a matrix in a block of this side."""
+    widest = max((inches_wide(text, size) for text in texts), default=0.0)
+    return min(widest, LONGEST * within) + RIM
+
+
+def _name_rows(ax: Axes, names: Sequence[str], plan: _Plan) -> None:
+    size = plan.size or SIZES[-1]
+    texts = [plain(shortened(name, size, plan.left - RIM)) for name in names]
     ax.set_yticks(range(len(names)), texts, fontsize=size)
     ax.set_xticks(range(len(names)), texts, fontsize=size, rotation=90)
-    ax.tick_params(length=0)
+    ax.tick_params(pad=2)
 
 
-def _name_groups(ax: Axes, groups: Sequence[str]) -> None:
-    """Lines between groups, and the names of those with room; numbers if there are too many."""
+def _name_groups(ax: Axes, groups: Sequence[str], plan: _Plan) -> None:
+    """Lines between groups, and the names of those with room; none if there are too many."""
+    ax.set_xticks([])
+    ax.set_yticks([])
     starts = [k for k, group in enumerate(groups) if k == 0 or groups[k - 1] != group]
-    ax.tick_params(length=0, labelsize=8)
-    if not 1 < len(starts) <= MOST_GROUPS:
-        ax.set_xlabel("number of the cell", fontsize=8)
+    if not plan.left or not 1 < len(starts) <= MOST_GROUPS:
         return
-    stops = [*starts[1:], len(groups)]
-    roomy = [(a, b) for a, b in zip(starts, stops, strict=True) if b - a > len(groups) / 30]
-    texts = [plain(groups[a]) for a, _ in roomy]
-    middles = [(a + b - 1) / 2 for a, b in roomy]
-    ax.set_yticks(middles, texts)
-    ax.set_xticks(middles, texts)
     for start in starts[1:]:
         ax.axhline(start - 0.5, color="0.6", lw=0.5)
         ax.axvline(start - 0.5, color="0.6", lw=0.5)
+    size, each = SIZES[1], plan.side / len(groups)
+    named = [
+        (shortened(groups[a], size, plan.left - RIM), (a + b - 1) / 2, (b - a) * each)
+        for a, b in zip(starts, [*starts[1:], len(groups)], strict=True)
+        if (b - a) * each >= size / POINTS_PER_INCH
+    ]
+    middles, texts = [at for _, at, _ in named], [plain(text) for text, *_ in named]
+    lying = all(inches_wide(text, size) < room - 0.05 for text, _, room in named)
+    ax.set_yticks(middles, texts, fontsize=size)
+    ax.set_xticks(middles, texts, fontsize=size, rotation=0 if lying else 90)
 
 
-def _write_areas(ax: Axes, areas: NDArray[np.float64], peak: float) -> None:
+def _write_areas(ax: Axes, areas: NDArray[np.float64], peak: float, side: float) -> None:
+    """Areas as numbers, if they fit into entries of this side in inches."""
+    size = float(np.clip(0.8 * side / inches_wide(f"{peak:.0f}.", 1), 0, 8))
+    if size < SIZES[-1]:
+        return
     for (row, column), area in np.ndenumerate(areas):
         if area > 0:
             colour = "white" if area > 0.55 * peak else "black"
             text = f"{area:.0f}" if area >= 0.95 else f"{area:.1f}"
-            ax.text(column, row, text, fontsize=6.5, color=colour, ha="center", va="center")
+            ax.text(column, row, text, fontsize=size, color=colour, ha="center", va="center")
+
+
+def _draw_bar(ax: Axes, image: AxesImage, side: float) -> None:
+    bar = ax.inset_axes((1 + 0.1 / side, 0.0, 0.13 / side, 1.0))
+    ax.figure.colorbar(image, cax=bar, ticks=MaxNLocator(max(int(2.5 * side), 1)))
+    bar.tick_params(labelsize=8)

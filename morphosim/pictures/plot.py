@@ -16,6 +16,7 @@ from morphosim import _validate
 from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import THREE, VIEWS, View, camera, checked_pixels, directions
+from morphosim.pictures.colours import cell_colours
 from morphosim.pictures.layout import Layout, layout
 from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
 from morphosim.runs.saved_fields import time_index
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from morphosim.pictures.matrix import ContactMatrix
+    from morphosim.pictures.name_tags import NameTag
     from morphosim.pictures.painter import Painter, Panel
 
 FORMATS = (".png", ".jpg", ".jpeg", ".pdf", ".svg", ".tif", ".tiff", ".webp")
@@ -100,7 +102,7 @@ def plot(
     from morphosim.pictures.matrix import contact_matrix
 
     around = surroundings(run, mirror) if shell else Surroundings()
-    seen = sight(run, time, by, colours, mirror, around)
+    seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
     contacts = contact_matrix(run, time_index(run, time)) if matrix else None
     figure = _composed(seen, chosen, names, mirror, size, contacts)
     if target is not None:
@@ -154,7 +156,7 @@ def draw(
     need("matplotlib", "a figure", "pictures")
     box = None if bounds is None else checked_bounds(bounds, mirror)
     around = surroundings(run, mirror) if shell else Surroundings()
-    seen = sight(run, time, by, colours, mirror, around)
+    seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
     with Painter() as painter:
         return draw_sight(
             ax, seen, painter, view, box, names=names, mirror=mirror, scale_bar=scale_bar,
@@ -175,6 +177,7 @@ def draw_sight(
     axes: bool = True,
     foot: float | None = None,
     scale: float | None = None,
+    before: "dict[str, NameTag] | None" = None,
 ) -> "Panel":
     """Draw what is to be seen in axes.
 
@@ -184,6 +187,8 @@ def draw_sight(
         What to have in view.
     scale : float, optional
         µm per pixel, in place of the smallest that has it all in view.
+    before : optional
+        Names in the frame before, of a film; those of this one take their place.
 
     For the other parameters see `draw`.
     """
@@ -197,7 +202,10 @@ def draw_sight(
     panel = painter.paint(camera(view, shown, annotate.pixels_of(ax), scale=scale, foot=free))
     annotate.show_panel(ax, panel)
     if names:
-        annotate.write_names(ax, panel)
+        written = annotate.write_names(ax, panel, before, free)
+        if before is not None:
+            before.clear()
+            before.update(written)
     if scale_bar:
         annotate.draw_bar(ax, panel.camera)
     if axes:
@@ -231,7 +239,7 @@ def render(
     pixels = checked_pixels(size, least=8)
     box = None if bounds is None else checked_bounds(bounds, mirror)
     around = surroundings(run, mirror) if shell else Surroundings()
-    seen = sight(run, time, by, colours, mirror, around)
+    seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
     with Painter() as painter:
         seen.load(painter)
         where = camera(view, seen.points if box is None else box, pixels)
@@ -259,13 +267,15 @@ def _composed(
 ) -> "Figure":  # fmt: skip
     """Figure of views and contact matrix, with title and legend above."""
     from morphosim.pictures import annotate
-    from morphosim.pictures.matrix import ROOM, draw_matrix
+    from morphosim.pictures.key import draw_key
+    from morphosim.pictures.matrix import block_side, draw_matrix
     from morphosim.pictures.painter import Painter
 
-    plan: Layout = layout(seen, views, contacts is not None, FOOT, size)
+    block = 0.0 if contacts is None else block_side(contacts)
+    plan: Layout = layout(seen, views, block, FOOT, size)
     figure = annotate.Picture(figsize=plan.size, dpi=DPI)
-    figure.suptitle(seen.title, fontsize=12, y=1 - 0.12 / plan.size[1], va="top")
-    annotate.draw_key(figure, seen.colouring, plan.key_top)
+    annotate.draw_title(figure, seen.title, 12)
+    draw_key(figure, seen.colouring, plan.key_top)
     with Painter() as painter:
         for view, place in zip(views, plan.places, strict=False):
             draw_sight(
@@ -273,5 +283,5 @@ def _composed(
                 mirror=mirror, scale=1 / plan.per_micrometre / DPI,
             )  # fmt: skip
     if contacts is not None:
-        draw_matrix(figure.add_axes(plan.share(plan.places[-1], ROOM)), contacts)
+        draw_matrix(figure, plan.places[-1], contacts)
     return figure

@@ -1,6 +1,5 @@
 """What a picture of a save shows: meshes, their colours and what is around them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
 from morphosim.pictures.camera import corners
-from morphosim.pictures.colours import Colouring, cell_colours
+from morphosim.pictures.colours import Colouring
 from morphosim.pictures.meshes import CellMesh, cell_meshes, mirrored, run_confinement, shell_mesh
 from morphosim.runs.saved_fields import time_index, variable
 
@@ -95,8 +94,7 @@ class Sight:
 def sight(
     run: "xr.Dataset",
     time: float | None,
-    by: str,
-    colours: Mapping[str, object] | None,
+    colouring: Colouring,
     mirror: bool,
     around: Surroundings,
 ) -> Sight:
@@ -105,10 +103,9 @@ def sight(
     Raises
     ------
     ValueError
-        See `cell_colours` and `cell_meshes`.
+        See `cell_meshes`.
     """
     _validate.flag("mirror", mirror)
-    colouring = cell_colours(run, time, by, colours)
     meshes = cell_meshes(run, time)
     if mirror:
         meshes = [mirrored(mesh) for mesh in meshes]

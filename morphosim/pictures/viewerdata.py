@@ -7,7 +7,7 @@ import numpy as np
 
 from morphosim import _validate
 from morphosim._extras import need
-from morphosim.pictures.colours import BY, TITLES, Scale, cell_colours, living, type_colours
+from morphosim.pictures.colours import BY, TITLES, Scale, colours_of_saves, living, type_colours
 from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
 from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
 from morphosim.pictures.palettes import hexed
@@ -235,26 +235,16 @@ def _colouring(figures: "xr.Dataset", saves: Sequence[int], by: str) -> dict[str
         types = _types(figures, saves)
         return {"by": by, "title": TITLES[by], "cells": {}, "types": types, "legend": [],
                 "scale": None}  # fmt: skip
-    seen: set[str] = set()
-    cells: dict[str, str] = {}
-    legend: dict[str, str] = {}
-    scale: Scale | None = None
-    for save in saves:
-        there = set(living(figures, save))
-        if there <= seen:
-            continue
-        seen |= there
-        made = cell_colours(figures, float(figures["time"].values[save]), by)
-        cells |= {name: hexed(colour) for name, colour in made.colours.items()}
-        legend |= {text: hexed(colour) for text, colour in made.legend}
-        scale = made.scale or scale
+    made = colours_of_saves(figures, saves, by)
+    cells = {name: hexed(colour) for one in made for name, colour in one.colours.items()}
+    scale, legend = made[0].scale, made[0].legend
     return {
         "by": by,
         "title": TITLES.get(by, "volume error, %"),
         "cells": {} if by == "volume" else cells,
         "types": {},
         # names of cells stand on them
-        "legend": [] if by == "cell" else list(legend.items()),
+        "legend": [] if by == "cell" else [(text, hexed(colour)) for text, colour in legend],
         "scale": None if scale is None else _bar(scale),
     }
 

@@ -21,7 +21,7 @@ from morphosim.pictures.meshes import (
 )
 from morphosim.runs.saved_fields import load_fields
 
-from .made import HIGH, LOW, H, PAIR, Ball, made_run
+from .made import HIGH, LOW, PAIR, Ball, H, made_run
 
 BALL = 4 / 3 * np.pi * 4.0**3
 
