@@ -40,9 +40,8 @@ def contact_matrix(run: "xr.Dataset", save: int) -> str:
     from morphosim.pictures import matrix
 
     shown = matrix.contact_matrix(run, save)
-    side = matrix.block_side(shown)
-    figure = Figure((side, side))
-    matrix.draw_matrix(figure, (0, 0, side, side), shown)
+    figure = Figure(room := matrix.block_room(shown))
+    matrix.draw_matrix(figure, (0, 0, *room), shown)
     return _address(figure)
 
 

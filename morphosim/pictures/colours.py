@@ -214,8 +214,9 @@ def _by_volume(
     errors = 100 * (variable(run, "volume", "time", "cell").values / target - 1)
     common = np.nanpercentile(np.abs(errors), COMMON) if np.isfinite(errors).any() else 0.0
     high = _round_up(max(float(common), LEAST_ERROR))
-    ticks = [(value, f"{value:+g}" if value else "0") for value in (-high, -high / 2, 0, high / 2)]
-    scale = Scale(-high, high, DIVERGING, [*ticks, (high, f"{high:+g}")])
+    marks = (-high, -high / 2, 0.0, high / 2, high)
+    ticks = [(mark, f"{mark:+g}".replace("-", "−") if mark else "0") for mark in marks]
+    scale = Scale(-high, high, DIVERGING, ticks)
     names, places = _names(run), np.clip((errors / high + 1) / 2, 0, 1)
     made = []
     for save in saves:

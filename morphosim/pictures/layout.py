@@ -22,7 +22,7 @@ SPARE = 1.04
 """Room of a view, of what it shows."""
 NARROWEST, LOWEST = 1.15, 0.3
 """Least width of a view, for scale bar and axes, and least height above them, inches."""
-BLOCK, SHARE = 4.0, 0.45
+BLOCK, SHARE = 4.0, 0.5
 """Side of a block that a figure of the usual size has room for, inches, and the largest block as a
 share of a figure of a given size."""
 
@@ -68,19 +68,19 @@ class _Grid:
     ----------
     views : (V, 2) µm
         Room that they take.
-    block : float
-        Side in inches; 0 without one.
+    block : (float, float) or None
+        Width and height in inches.
     foot : float
         Inches below each view.
     """
 
     views: NDArray[np.float64]
-    block: float
+    block: tuple[float, float] | None
     foot: float
 
     @property
     def count(self) -> int:
-        return len(self.views) + (self.block > 0)
+        return len(self.views) + (self.block is not None)
 
     @property
     def columns(self) -> int:
@@ -89,8 +89,8 @@ class _Grid:
     def sides(self, scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Widths of the columns and heights of the rows in inches, `scale` inches per µm."""
         parts = np.maximum(self.views * scale, (NARROWEST, LOWEST)) + np.array([0, self.foot])
-        if self.block:
-            parts = np.concatenate([parts, np.full((1, 2), self.block)])
+        if self.block is not None:
+            parts = np.concatenate([parts, [self.block]])
         widths = [parts[k :: self.columns, 0].max() for k in range(self.columns)]
         rows = range(0, len(parts), self.columns)
         return np.array(widths), np.array([parts[k : k + self.columns, 1].max() for k in rows])
@@ -112,7 +112,7 @@ class _Grid:
 
 
 def layout(
-    seen: Sight, views: Sequence[View], block: float, foot: float,
+    seen: Sight, views: Sequence[View], block: tuple[float, float] | None, foot: float,
     size: tuple[float, float] | None,
 ) -> Layout:  # fmt: skip
     """Plan a figure: its parts in rows of up to three, all views to the same scale.
@@ -121,8 +121,8 @@ def layout(
     ----------
     seen : Sight
     views : of it
-    block : float
-        Side of a further part after the views, inches: the contact matrix; 0 without one.
+    block : (float, float), optional
+        Width and height of a further part after the views, inches: the contact matrix.
     foot : float
         Inches below each view.
     size : (float, float), optional
@@ -135,11 +135,14 @@ def layout(
     wide, high = given or (LONELY if len(views) == 1 and not block else WIDE, HIGH)
     top = TITLE + key_height(seen.colouring, wide, high)
     if given:
-        grid = _Grid(extents, min(block, SHARE * wide, SHARE * (high - top)), foot)
+        if block is not None:
+            block = min(block[0], SHARE * wide), min(block[1], SHARE * (high - top))
+        grid = _Grid(extents, block, foot)
         scale = grid.scale((wide, high - top))
     else:
-        grid, more = _Grid(extents, block, foot), max(block - BLOCK, 0.0)
-        scale = grid.scale((wide + more, high + more - top))
+        grid = _Grid(extents, block, foot)
+        more = [max(side - BLOCK, 0.0) for side in block or (0.0, 0.0)]
+        scale = grid.scale((wide + more[0], high + more[1] - top))
         lengths = [side.sum() + _spent(len(side)) for side in grid.sides(scale)]
         wide, high = max(lengths[0], wide * 0.5), lengths[1] + top
     return Layout(

@@ -25,16 +25,18 @@ SIZES = (9.0, 8.0, 7.0, 6.0)
 """Letters of names, points: the largest for which there is room. Smaller ones are not read."""
 LINE = 1.1
 """Height of a line, of its letters."""
-USUAL, LARGEST = 5.0, 7.0
-"""Side of the block of a matrix with names up to which letters may be large, and at all, inches."""
-LEAST = 3.6
-"""Side of the block of a matrix that is small or has no names, inches."""
+USUAL, LARGEST = 4.6, 6.6
+"""Height of the block of a matrix with names up to which letters may be large, and at all, inches."""
+LEAST = 3.4
+"""Height of the block of a matrix that is small or has no names, inches."""
 CELL = 0.55
 """Most side of an entry, inches."""
 LONGEST = 0.35
 """Share of the block that names may take."""
 RIGHT, ABOVE, RIM = 0.65, 0.3, 0.08
 """Inches for the colour bar, for the title, and around names."""
+CLOSE = 1e-6
+"""Lengths this near to each other are the same, inches."""
 TINY = 0.9
 """Side of a matrix that is too small for a colour bar and names, inches."""
 MOST_GROUPS = 14
@@ -72,14 +74,19 @@ def contact_matrix(run: "xr.Dataset", save: int) -> ContactMatrix:
     return ContactMatrix(names, areas, [group[name] for name in names])
 
 
-def block_side(matrix: ContactMatrix) -> float:
-    """Inches of the square in which all names can be read, or their groups if they are too many."""
+def block_room(matrix: ContactMatrix) -> Room:
+    """Width and height of a block in which all names can be read, or groups if there are too many.
+
+    In inches.
+    """
+    side = LEAST
     for size, most in [*((size, USUAL) for size in SIZES), *((size, LARGEST) for size in SIZES)]:
-        side = len(matrix.names) * size * LINE / POINTS_PER_INCH
-        needed = side + _label_room(matrix.names, size, most) + max(RIGHT, ABOVE)
+        labels = _label_room(matrix.names, size, most)
+        needed = len(matrix.names) * size * LINE / POINTS_PER_INCH + labels + ABOVE
         if needed <= most:
-            return max(needed, LEAST)
-    return LEAST
+            side = max(needed, LEAST)
+            break
+    return side + RIGHT - ABOVE, side
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +143,7 @@ def _plan(matrix: ContactMatrix, room: Room) -> _Plan:
     for size in SIZES:
         labels = _label_room(matrix.names, size, min(room))
         side = min(room[0] - labels - RIGHT, room[1] - labels - ABOVE, count * CELL)
-        if side >= max(count * size * LINE / POINTS_PER_INCH, TINY):
+        if side >= max(count * size * LINE / POINTS_PER_INCH, min(TINY, count * CELL)):
             return _Plan(side, size, labels, labels, RIGHT)
     labels = _label_room(sorted(set(matrix.groups)), SIZES[1], min(room))
     side = min(room[0] - labels - RIGHT, room[1] - labels - ABOVE)
@@ -154,7 +161,7 @@ def _label_room(texts: Sequence[str], size: float, within: float) -> float:
 
 def _name_rows(ax: Axes, names: Sequence[str], plan: _Plan) -> None:
     size = plan.size or SIZES[-1]
-    texts = [plain(shortened(name, size, plan.left - RIM)) for name in names]
+    texts = [plain(shortened(name, size, plan.left - RIM + CLOSE)) for name in names]
     ax.set_yticks(range(len(names)), texts, fontsize=size)
     ax.set_xticks(range(len(names)), texts, fontsize=size, rotation=90)
     ax.tick_params(pad=2)
@@ -172,7 +179,7 @@ def _name_groups(ax: Axes, groups: Sequence[str], plan: _Plan) -> None:
         ax.axvline(start - 0.5, color="0.6", lw=0.5)
     size, each = SIZES[1], plan.side / len(groups)
     named = [
-        (shortened(groups[a], size, plan.left - RIM), (a + b - 1) / 2, (b - a) * each)
+        (shortened(groups[a], size, plan.left - RIM + CLOSE), (a + b - 1) / 2, (b - a) * each)
         for a, b in zip(starts, [*starts[1:], len(groups)], strict=True)
         if (b - a) * each >= size / POINTS_PER_INCH
     ]

@@ -1,6 +1,7 @@
 """Palettes: few colours, many colours that set neighbours apart, and scales."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,10 @@ OKABE_ITO = (
 )  # fmt: skip
 LIGHT, DARK = 0.5, 0.35
 """How much white and black the variants of a colour hold."""
+MOST = 48
+"""Colours that are all different."""
+LEVELS = (0.25, 0.45, 0.65, 0.85, 0.95)
+"""Red, green and blue of further colours: pure ones look alike, and more so where they are dark."""
 APART = 25.0
 """Colours that differ by so much (CIE 1976, also to deuteranopes) are as good as any."""
 DEUTERANOPIA = np.array(
@@ -78,8 +83,11 @@ def evenly(stops: Sequence[RGB], count: int) -> list[RGB]:
 
 
 def some_colours(count: int) -> list[RGB]:
-    """So many colours that differ: of the palette, then variants of it, then all over again."""
-    palette = many_colours()
+    """So many colours that differ: of the palette, then variants of it, and then further ones.
+
+    Of more than `MOST` some are the same.
+    """
+    palette = many_colours() if count <= len(many_colours()) else further_colours()
     return [palette[k % len(palette)] for k in range(count)]
 
 
@@ -89,6 +97,20 @@ def many_colours() -> list[RGB]:
     hues = base[:-1]
     light = [_mixed(colour, 1.0, LIGHT) for colour in hues]
     return base + light + [_mixed(colour, 0.0, DARK) for colour in hues]
+
+
+@cache
+def further_colours() -> list[RGB]:
+    """`MOST` colours: `many_colours`, and in turn what differs best from all before it."""
+    candidates = [(r, g, b) for r in LEVELS for g in LEVELS for b in LEVELS]
+    chosen = many_colours()
+    apart = _distances([*chosen, *candidates])
+    nearest = apart[: len(chosen), len(chosen) :].min(axis=0)
+    while len(chosen) < MOST:
+        best = int(nearest.argmax())
+        chosen.append(candidates[best])
+        nearest = np.minimum(nearest, apart[len(many_colours()) + best, len(many_colours()) :])
+    return chosen
 
 
 def set_apart(count: int, pairs: NDArray[np.int64]) -> list[RGB]:

@@ -70,7 +70,7 @@ def plot(
     shell : bool
         Whether the shell is drawn, translucent, or the edges of the box.
     matrix : bool
-        Whether to add the contact matrix, µm².
+        Whether to add the contact matrix, µm², of two cells or more.
     mirror : bool
         Whether to reverse z. The coordinates of the embryo scenes are left-handed (x to the
         posterior, y dorsal, z to the right), so that drawn as they are, they show the embryo's
@@ -104,6 +104,8 @@ def plot(
     around = surroundings(run, mirror) if shell else Surroundings()
     seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
     contacts = contact_matrix(run, time_index(run, time)) if matrix else None
+    if contacts is not None and len(contacts.names) < 2:
+        contacts = None
     figure = _composed(seen, chosen, names, mirror, size, contacts)
     if target is not None:
         picture = BytesIO()  # its writers do not close a file on a full disk, or hide the error
@@ -268,10 +270,10 @@ def _composed(
     """Figure of views and contact matrix, with title and legend above."""
     from morphosim.pictures import annotate
     from morphosim.pictures.key import draw_key
-    from morphosim.pictures.matrix import block_side, draw_matrix
+    from morphosim.pictures.matrix import block_room, draw_matrix
     from morphosim.pictures.painter import Painter
 
-    block = 0.0 if contacts is None else block_side(contacts)
+    block = None if contacts is None else block_room(contacts)
     plan: Layout = layout(seen, views, block, FOOT, size)
     figure = annotate.Picture(figsize=plan.size, dpi=DPI)
     annotate.draw_title(figure, seen.title, 12)

@@ -79,6 +79,38 @@ def test_a_film_may_be_a_gif_of_chosen_times(run: xr.Dataset, tmp_path: Path) ->
         assert middle(np.asarray(image.convert("RGB")), 0) < 140
 
 
+def gif_frames(path: Path) -> list[NDArray]:
+    from PIL import Image, ImageSequence
+
+    with Image.open(path) as image:
+        return [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)]
+
+
+def test_a_gif_has_one_palette_with_an_even_colour_bar(tmp_path: Path) -> None:
+    ball = Ball((15, 15, 15), 9, error=-4)
+    run = made_run([{"a": ball}, {"b": ball._replace(error=5)}, {"b": ball._replace(error=0)}])
+    film(run, tmp_path / "film.gif", by="volume", bounds=BOX)
+    frames = gif_frames(tmp_path / "film.gif")
+    bars = [frame[50, 285:675].astype(int) for frame in frames]
+    assert all((bar == bars[0]).all() for bar in bars)
+    assert len(np.unique(bars[0], axis=0)) > 60
+    assert np.abs(np.diff(bars[0], axis=0)).max() <= 16  # no step is seen
+    assert all((frame[-40:, 400:700] == 255).all() for frame in frames)  # paper stays white
+    assert (tmp_path / "film.gif").stat().st_size < 300_000
+
+
+@pytest.mark.parametrize("by", ["type", "stage", "lineage", "cell"])
+def test_what_stands_still_does_not_move_in_a_film(by: str, tmp_path: Path) -> None:
+    still = {"a": Ball((8, 15, 15), type="R")}
+    far = {f"c{k:02d}": Ball((24, 3 + 2 * k, 8), 2, type=f"type {k:02d}") for k in range(12)}
+    run = made_run([still, still | far], stages=["1", "a stage of a long name"])
+    film(run, tmp_path / "film.gif", by=by, bounds=BOX, names=True, size=(320, 300))
+    first, last = (frame.astype(int) for frame in gif_frames(tmp_path / "film.gif"))
+    left = first[100:260, 40:140]
+    assert (left.min(axis=2) < 200).mean() > 0.1  # the ball
+    np.testing.assert_array_equal(left, last[100:260, 40:140])
+
+
 def test_a_camera_may_go_around_one_save(run: xr.Dataset, tmp_path: Path) -> None:
     film(run, tmp_path / "film.mp4", times=[0] * 3, turn=180, **SMALL)
     places = [middle(frame, 0) for frame in frames_of(tmp_path / "film.mp4")[1]]

@@ -18,7 +18,7 @@ function list(entries) {
 function bar({ low, high, stops, ticks }) {
   const marks = ticks.map(([value, text]) => {
     const left = (100 * (value - low)) / (high - low || 1);
-    return element("span", { style: `left:${left.toFixed(1)}%` }, text.replace("-", "−"));
+    return element("span", { style: `left:${left.toFixed(1)}%` }, text);
   });
   return [
     element("div", { class: "bar", style: `background:linear-gradient(to right, ${stops.join(", ")})` }),

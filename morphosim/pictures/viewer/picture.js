@@ -69,7 +69,7 @@ function drawBar(pen, { title, scale }, ink) {
   scale.ticks.forEach(([value, text], k) => {
     pen.textAlign = k === 0 ? "left" : k === scale.ticks.length - 1 ? "right" : "center";
     const place = (value - scale.low) / (scale.high - scale.low || 1);
-    pen.fillText(text.replace("-", "−"), MARGIN + width * place, MARGIN + 38);
+    pen.fillText(text, MARGIN + width * place, MARGIN + 38);
   });
 }
 
