@@ -69,6 +69,7 @@ def _smaller(a: Reals, b: Reals) -> Reals:
     return np.asarray(np.minimum(a, b) - near**2 * (EDGE / 4))
 
 
-def _finite(phi: NDArray) -> Reals:
+def _finite(phi: NDArray[np.floating]) -> Reals:
     """φ from 0 up; what is no number is outside."""
-    return np.maximum(np.nan_to_num(phi, nan=0.0, posinf=0.0, neginf=0.0), 0).astype(np.float32)
+    finite = np.nan_to_num(phi, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray(np.maximum(finite, 0), np.float32)

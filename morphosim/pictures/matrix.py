@@ -26,7 +26,7 @@ SIZES = (9.0, 8.0, 7.0, 6.0)
 LINE = 1.1
 """Height of a line, of its letters."""
 USUAL, LARGEST = 4.6, 6.6
-"""Height of the block of a matrix with names up to which letters may be large, and at all, inches."""
+"""Height of the block of a matrix with names, inches: if letters are large, and at all."""
 LEAST = 3.4
 """Height of the block of a matrix that is small or has no names, inches."""
 CELL = 0.55
