@@ -75,6 +75,7 @@ class Form:
         self._source: Source | None = None  # what the form holds
         self._reading: Source | None = None
         self._scene: Scene | None = None  # as it was read, before anything is changed
+        self._types: list[str] = []  # whose attraction is shown
         self._saver: Desk | None = None
 
     def close(self) -> None:
@@ -137,10 +138,13 @@ class Form:
     def _fill(self, found: dict[str, Any]) -> None:
         state = self._state
         names = [cell["name"] for cell in found["cells"]]
+        self._types = [cell["type"] for cell in found["cells"]]
         state.update(
             {
                 **{key: found[key] for key in ("cells", "sigma", "description", "stages")},
                 **{key: found[key] for key in ("duration", "save_every", "numerics", "has_shell")},
+                "save_error": "",
+                "saved": [],
                 "own_gamma": found["gamma"],
                 "gamma": "",
                 "shell": found["has_shell"],
@@ -173,15 +177,13 @@ class Form:
             self._take_preset(worker.CURE)
             self.propose_names()
 
-    def set_type(self, number: int, kind: str) -> None:
-        """Change the type of a cell, and show its attraction but for entries that were typed."""
+    def show_attraction(self) -> None:
+        """Show the attraction of the types that the cells have now, but for entries typed."""
         state = self._state
-        cells = [dict(cell) for cell in state.cells]
-        if self._scene is None or not 0 <= number < len(cells):
+        types = [str(cell["type"]).strip() for cell in state.cells]
+        if self._scene is None or types == self._types:
             return
-        cells[number]["type"] = kind.strip()
-        state.cells = cells
-        types = [cell["type"] for cell in cells]
+        self._types = types
         sigma = np.round(attraction_matrix(self._scene, types), 9).tolist()
         state.sigma = [
             [old if isinstance(old, str) else new for old, new in zip(*rows, strict=True)]

@@ -7,7 +7,7 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from morphosim.app.form import FILES, Form
-from morphosim.app.widgets import Background, alert, alerts, choice, field, plain_input, upload
+from morphosim.app.widgets import Background, alert, alerts, choice, entry, field, upload
 
 MATRIX = "cells.length > 1 && cells.length <= most_in_table"
 PAIR_VALUE = (
@@ -101,12 +101,12 @@ def _shown(label: str, name: str, placeholder: str, **options: Any) -> None:
 
 def values(form: Form) -> None:
     """What of the scene can be changed."""
-    _cells(form)
+    _cells()
     _pair(form)
     _numbers(form)
 
 
-def _cells(form: Form) -> None:
+def _cells() -> None:
     """Names, types, volumes and, of few cells, the attraction matrix: row pulls on column."""
     with html.H3("Cells of {{ loaded }}"):
         html.Span(" and attraction σ", v_if=(MATRIX,))
@@ -119,25 +119,20 @@ def _cells(form: Form) -> None:
             with html.Template(v_if=(MATRIX,)):
                 html.Th("{{ cell.name }}", v_for="(cell, i) in cells", key="i")
         with html.Tbody(), html.Tr(v_for="(cell, j) in cells", key="j"):
-            with html.Td():
-                plain_input(
-                    value=("cell.name",), disabled=("stages.length > 0",), classes="name",
-                    aria_label=("'Name of cell ' + (j + 1)",),
-                    change="cells[j].name = $event.target.value; flushState('cells')",
-                )  # fmt: skip
-            with html.Td():
-                plain_input(
-                    value=("cell.type",), classes="name",
-                    aria_label=("'Type of ' + cell.name",),
-                    change=(form.set_type, "[j, $event.target.value]"),
-                )  # fmt: skip
-            _value("Target volume", "volume", "cell.own_volume", "volume")
-            _value("Surface tension", "gamma", "cell.own_gamma || gamma || own_gamma", "")
+            _cell("Name of cell ", "j + 1", "name", classes="name", disabled=("stages.length > 0",))
+            _cell("Type of ", "cell.name", "type", classes="name")
+            _cell(
+                "Target volume of ", "cell.name", "volume", placeholder=("cell.own_volume",),
+                inputmode="decimal", classes="volume",
+            )  # fmt: skip
+            _cell(
+                "Surface tension of ", "cell.name", "gamma", inputmode="decimal",
+                placeholder=("cell.own_gamma || gamma || own_gamma",),
+            )  # fmt: skip
             with html.Template(v_if=(MATRIX,)), html.Td(v_for="(value, i) in sigma[j]", key="i"):
-                plain_input(
-                    v_if=("i !== j",), value=("value",), inputmode="decimal",
+                entry(
+                    "sigma[j][i]", "sigma", v_if=("i !== j",), inputmode="decimal",
                     aria_label=("'Attraction from ' + cell.name + ' to ' + cells[i].name",),
-                    change="sigma[j][i] = $event.target.value; flushState('sigma')",
                 )  # fmt: skip
     html.P("An empty field takes what it shows in grey, which the scene says.", classes="note")
     html.P(
@@ -150,14 +145,10 @@ def _cells(form: Form) -> None:
     )  # fmt: skip
 
 
-def _value(what: str, key: str, own: str, classes: str) -> None:
-    """Value of a cell, which shows while it is empty what the scene says."""
+def _cell(what: str, of: str, key: str, **options: Any) -> None:
+    """Value of a cell, which may show while it is empty what the scene says."""
     with html.Td():
-        plain_input(
-            value=(f"cell.{key}",), placeholder=(own,), inputmode="decimal", classes=classes,
-            aria_label=(f"'{what} of ' + cell.name",),
-            change=f"cells[j].{key} = $event.target.value; flushState('cells')",
-        )  # fmt: skip
+        entry(f"cells[j].{key}", "cells", aria_label=(f"'{what}' + ({of})",), **options)
 
 
 def _pair(form: Form) -> None:

@@ -92,12 +92,10 @@ class Application:
         controller = self.server.controller
         controller.on_server_bind.add(self._bound)
         controller.on_server_ready.add(self._ready)
-        self.server.state.change(*SOURCE_KEYS)(self._compare)
+        self.server.state.change(*SOURCE_KEYS)(_call(self.upper.form.compare))
+        self.server.state.change("cells")(_call(self.upper.form.show_attraction))
         self.server.trigger("viewer_said")(self._viewer_said)
         self.server.trigger("uploaded")(self._uploaded)
-
-    def _compare(self, **_: Any) -> None:
-        self.upper.form.compare()
 
     def _bound(self, web_server: Any) -> None:
         """Guard the server before it answers anything."""
@@ -160,6 +158,11 @@ class Application:
             upper_page.build(self.upper, self.background)
             v3.VDivider(classes="my-4")
             lower_page.build(self.lower, self.upper, self.background)
+
+
+def _call(action: Callable[[], None]) -> Callable[..., None]:
+    """Handler of changes of the state that does not look at it."""
+    return lambda **_: action()
 
 
 async def _logged(work: Callable[[], Awaitable[None]]) -> None:

@@ -32,6 +32,17 @@ def plain_input(**options: Any) -> None:
     html.Input(__properties=known, **options)
 
 
+def entry(place: str, within: str, **options: Any) -> None:
+    """<input> of a value within a list of the state, such as "cells[j].name" within "cells".
+
+    What is typed is kept at once: whatever else of the page is drawn anew meanwhile leaves it.
+    """
+    plain_input(
+        value=(place,), input=f"{place} = $event.target.value", change=f"flushState('{within}')",
+        **options,
+    )  # fmt: skip
+
+
 def alert(name: str, kind: str) -> None:
     """Text of the state, shown where it is not empty."""
     v3.VAlert(

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 NAMES = ["A", "B", "C"]
 GRID = (120, 80, 60)
 """Voxels of 0.5 µm: the published eggshell's domain."""
-PATIENCE = 180_000
+PATIENCE = 60_000
 """Milliseconds; the first step may compile kernels."""
 
 

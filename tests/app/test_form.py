@@ -228,7 +228,8 @@ def filled(store: Store, **chosen: str) -> tuple[Form, State]:
 def test_attraction_follows_the_types_but_for_what_was_typed(store: Store) -> None:
     shown, state = filled(store, source_kind="file", scene_file="two.toml")
     assert state.sigma == [[0, 0.2], [0.2, 0]]
-    shown.set_type(1, "X")
+    state["cells"][1]["type"] = " X"
+    shown.show_attraction()
     assert state.sigma == [[0, 0.3], [0.3, 0]]
     scene = shown.settings().scene(store)
     assert scene.types == ["X", "X"]
@@ -236,7 +237,8 @@ def test_attraction_follows_the_types_but_for_what_was_typed(store: Store) -> No
     np.testing.assert_array_equal(scene.physics.attraction.matrix(["a", "b"], ["X", "X"]),
                                   [[0, 0.3], [0.3, 0]])  # fmt: skip
     state.sigma[0][1] = "0.7"
-    shown.set_type(1, "Z")
+    state["cells"][1]["type"] = "Z"
+    shown.show_attraction()
     assert state.sigma == [[0, "0.7"], [0.1, 0]]
     scene = shown.settings().scene(store)
     assert scene.physics.attraction.pairs == {("a", "b"): 0.7, ("b", "a"): 0.1}
