@@ -57,6 +57,7 @@ _EXPORTS = {
     "contact_areas": "measure.contacts",
     "touching": "measure.contacts",
     "label_image": "measure.label_image",
+    "voxel_contact_areas": "measure.voxel_contacts",
     "Measurement": "measure.measurement",
     "measure_fields": "measure.measurement",
     "measured": "runs.measured_state",  # with all built-in variables, whose names are taken
@@ -119,6 +120,7 @@ if TYPE_CHECKING:
     from morphosim.measure.label_image import label_image
     from morphosim.measure.measurement import Measurement, measure_fields
     from morphosim.measure.variable import measured
+    from morphosim.measure.voxel_contacts import voxel_contact_areas
     from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
@@ -226,6 +228,7 @@ __all__ = [
     "scene_names",
     "sweep",
     "touching",
+    "voxel_contact_areas",
 ]  # fmt: skip
 
 

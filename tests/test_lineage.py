@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from morphosim.importers.lineage import (
+    AREA_STAGES,
     CONTACT_STAGES,
     Lineage,
     celegans_contact_areas,
@@ -180,12 +181,43 @@ def test_contacts_cover_all_pairs(
     assert {name for pair in table for name in pair} == set(alive_after(worm, group))
 
 
-def test_areas_are_of_the_five_contacts_of_four_cells() -> None:
+@pytest.mark.parametrize("stage", AREA_STAGES)
+def test_areas_are_of_pairs_that_touch(worm: Lineage, stage: int) -> None:
+    areas = celegans_contact_areas(stage)
+    group = next(g.number for g in worm.groups() if g.cells_after == stage)
+    assert {name for pair in areas for name in pair} <= set(alive_after(worm, group))
+    if stage in CONTACT_STAGES:
+        listed = {frozenset(pair): status for pair, status in celegans_contacts(stage).items()}
+        assert {listed[frozenset(pair)] for pair in areas} == {"contact"}
+    assert all(50 < area < 450 for area in areas.values())
+
+
+def test_areas_of_four_cells_are_of_all_five_contacts() -> None:
     touching = {pair for pair, status in celegans_contacts(4).items() if status == "contact"}
     areas = celegans_contact_areas()
     assert set(areas) == touching
     assert areas["ABa", "ABp"] == 343.3
     assert min(areas, key=areas.__getitem__) == ("EMS", "P2")
+
+
+@needs_facts
+def test_areas_are_those_of_the_facts() -> None:
+    four = {(r["cell1"], r["cell2"]): r for r in facts("contacts_4cell_areas.csv")}
+    assert celegans_contact_areas() == {
+        pair: float(row["mean_of_two_embryos_um2"]) for pair, row in four.items()
+    }
+    further = facts("contacts_2_3_6cell_areas.csv")
+    found = {stage: celegans_contact_areas(stage) for stage in (2, 3, 6)}
+    assert sum(map(len, found.values())) == len(further)
+    for row in further:
+        frames = [float(value) for value in row["area_um2_by_frame"].split("/")]
+        area = found[int(row["stage_cells"])][row["cell1"], row["cell2"]]
+        assert area == pytest.approx(np.mean(frames), abs=0.05)
+
+
+def test_areas_of_an_unknown_stage_list_the_known_ones() -> None:
+    with pytest.raises(ValueError, match="stage = 8 is not known; allowed are 2, 3, 4, 6"):
+        celegans_contact_areas(8)
 
 
 def test_contacts_of_an_unknown_stage_list_the_known_ones() -> None:

@@ -8,12 +8,22 @@ from numpy.typing import NDArray
 from morphosim.cell_field import CellField
 
 INSIDE = 0.5
-"""A point belongs to the cell of largest φ, if that exceeds this."""
+"""A point belongs to the cell of largest φ, if that (or the sum of all φ) exceeds this."""
 MOST_POINTS = 1 << 31
 
 
-def label_image(fields: Sequence[CellField]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def label_image(
+    fields: Sequence[CellField], *, filled: bool = False
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Image of the lattice around all boxes: 0 outside, else 1 + the place of the cell in `fields`.
+
+    Parameters
+    ----------
+    fields
+        Cells, whose numbers are those of their places, from 1.
+    filled
+        Whether points between cells, where no φ exceeds 0.5 but the sum of all does, belong to the
+        cell of largest φ too. Cells in contact then have no gap, as in a segmented image.
 
     Returns
     -------
@@ -30,14 +40,10 @@ def label_image(fields: Sequence[CellField]) -> tuple[NDArray[np.int64], NDArray
         raise ValueError(message)
     low = np.min([f.origin for f in fields], axis=0)
     shape = np.max([f.origin + f.phi.shape for f in fields], axis=0) - low
-    if np.prod(shape, dtype=float) > MOST_POINTS:
-        message = (
-            f"a label image of {' x '.join(map(str, shape))} points is too large; make one of "
-            "cells that are nearer to each other"
-        )
-        raise ValueError(message)
+    check_size(shape, "make one of cells that are nearer to each other")
     labels = np.zeros(shape, np.int32)
-    largest = np.full(shape, INSIDE, np.float32)
+    largest = np.full(shape, 0 if filled else INSIDE, np.float32)
+    total = np.zeros(shape if filled else 0, np.float32)
     for label, field in enumerate(fields, 1):
         place = tuple(
             slice(a, a + n) for a, n in zip(field.origin - low, field.phi.shape, strict=True)
@@ -45,4 +51,16 @@ def label_image(fields: Sequence[CellField]) -> tuple[NDArray[np.int64], NDArray
         mine = field.phi > largest[place]
         labels[place][mine] = label
         np.maximum(largest[place], field.phi, out=largest[place])
+        if filled:
+            total[place] += field.phi
+    if filled:
+        labels[total <= INSIDE] = 0
     return low, labels
+
+
+def check_size(shape: NDArray[np.int64], advice: str) -> None:
+    """Raise ValueError if an image of this shape would have more than `MOST_POINTS` points."""
+    if np.prod(shape, dtype=float) > MOST_POINTS:
+        size = " x ".join(map(str, shape))
+        message = f"a label image of {size} points is too large; {advice}"
+        raise ValueError(message)

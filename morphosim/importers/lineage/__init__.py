@@ -1,6 +1,7 @@
 """Lineages: who divides when, along which axis and into which volumes."""
 
 from morphosim.importers.lineage.contacts import (
+    AREA_STAGES,
     CONTACT_STAGES,
     celegans_contact_areas,
     celegans_contacts,
@@ -9,6 +10,7 @@ from morphosim.importers.lineage.table import read_lineage
 from morphosim.importers.lineage.tree import DivisionGroup, Lineage, LineageCell, Split
 
 __all__ = [
+    "AREA_STAGES",
     "CONTACT_STAGES",
     "DivisionGroup",
     "Lineage",

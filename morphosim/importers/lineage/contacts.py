@@ -11,6 +11,8 @@ from morphosim import _validate
 
 CONTACT_STAGES = (4, 6, 7, 8)
 """Numbers of cells for which `celegans_contacts` has a table."""
+AREA_STAGES = (2, 3, 4, 6)
+"""Numbers of cells for which `celegans_contact_areas` has areas."""
 
 
 def celegans_contacts(stage: int) -> dict[tuple[str, str], str]:
@@ -40,10 +42,26 @@ def celegans_contacts(stage: int) -> dict[tuple[str, str], str]:
     }
 
 
-def celegans_contact_areas() -> dict[tuple[str, str], float]:
-    """Area, µm², of the five contacts of the four-cell *C. elegans* embryo, mean of two embryos."""
-    rows = _rows("celegans_contact_areas.csv")
-    return {(row["cell1"], row["cell2"]): float(row["area_um2"]) for row in rows}
+def celegans_contact_areas(stage: int = 4) -> dict[tuple[str, str], float]:
+    """Contact areas, µm², that were measured in *C. elegans* embryos.
+
+    Parameters
+    ----------
+    stage
+        Number of cells: 4 (all five contacts, mean of two embryos), 2, 3 or 6 (means over the
+        frames of one embryo; of 6 cells, four contacts of EMS).
+
+    Raises
+    ------
+    ValueError
+        There are no areas of this stage.
+    """
+    _validate.choice("stage", stage, AREA_STAGES)
+    return {
+        (row["cell1"], row["cell2"]): float(row["area_um2"])
+        for row in _rows("celegans_contact_areas.csv")
+        if row["stage"] == str(stage)
+    }
 
 
 def _rows(name: str) -> list[dict[str, str]]:

@@ -70,12 +70,13 @@ def quality_control(run: "xr.Dataset") -> list[Criterion]:
 
     for name, *dims in NEEDED:
         variable(run, name, *dims)
-    return [_no_overflow(run), *(_judge(check, run) for check in CHECKS)]
+    stages = {name: _end(run, name) for check in CHECKS for name in check.stages}
+    return [_no_overflow(run), *(_judge(check, stages) for check in CHECKS)]
 
 
-def _judge(check: Check, run: "xr.Dataset") -> Criterion:
+def _judge(check: Check, stages: Mapping[str, StageEnd]) -> Criterion:
     """Measure a check, unless the run does not have what it needs."""
-    ends = [_end(run, name) for name in check.stages]
+    ends = [stages[name] for name in check.stages]
     finding = _obstacle(check, ends) or check.measure(*ends)
     return Criterion(
         stage=check.letter, text=f"{check.stages[-1]}: {check.text}", measured=finding.measured,

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from morphosim.cell_field import CellField
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class StageEnd:
     """The saves of one stage; `places` are their numbers in the run."""
 
@@ -48,6 +49,17 @@ class StageEnd:
         """Contact area of a pair, µm²."""
         areas = self.run["contact_area"][self.places[-1]]
         return float(areas.sel(cell=pair[0], neighbour=pair[1]))
+
+    def voxel_area(self, pair: tuple[str, str]) -> float:
+        """Contact area of a pair as microscopy measures it, µm²."""
+        return self._voxel_areas.get(frozenset(pair), 0.0)
+
+    @cached_property
+    def _voxel_areas(self) -> dict[frozenset[str], float]:
+        from morphosim.measure.voxel_contacts import voxel_contact_areas
+
+        areas = voxel_contact_areas(self.fields(), self.run.attrs["spacing_um"])
+        return {frozenset(pair): area for pair, area in areas.items()}
 
     def differences(self) -> dict[str, float]:
         """(S_sim - S_exp) / S_exp of the five contacts of four cells, by "cell-cell"."""
