@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from xarray.core.indexing import LazilyIndexedArray
 
-from morphosim import _validate
+from morphosim import _shown, _validate
 from morphosim.cell_field import CellField
 from morphosim.measure.label_image import label_image
 from morphosim.measure.motion import trajectory
@@ -91,12 +91,14 @@ class MorphoAccessor:
         self._run = run
 
     def __repr__(self) -> str:
-        return "\n".join([*self._facts(), f"run.morpho has {', '.join(self._words())}"])
+        facts = (_shown.cut(fact, _shown.LINE) for fact in self._facts())
+        return "\n".join([*facts, f"run.morpho has {', '.join(self._words())}"])
 
     def _repr_html_(self) -> str:
-        first, *rest = map(html.escape, self._facts())
+        first, *rest = (html.escape(_shown.cut(fact, _shown.LINE)) for fact in self._facts())
         words = " ".join(f"<code>.{word}</code>" for word in self._words())
-        return f"<b>{first}</b><br>{'<br>'.join(rest)}<br><code>run.morpho</code> has {words}"
+        said = f"<b>{first}</b><br>{'<br>'.join(rest)}<br><code>run.morpho</code> has {words}"
+        return said + self._table_of_cells()
 
     @property
     def table(self) -> xr.Dataset:
@@ -310,6 +312,16 @@ class MorphoAccessor:
         if run.attrs.get("error"):
             facts.append(f"ended by an error: {run.attrs['error']}")
         return facts
+
+    def _table_of_cells(self) -> str:
+        """Cells of the last save, for a notebook; "" where the run, or a part of it, has none."""
+        run = self._run
+        if not {"cell", "volume"} <= set(run.variables) or run["volume"].dims != ("time", "cell"):
+            return ""
+        volumes = run["volume"].values[-1:].ravel()
+        living = np.flatnonzero(np.isfinite(volumes))
+        rows = ((str(run["cell"].values[i]), f"{volumes[i]:.4g}") for i in living)
+        return _shown.table_of(("cell", "volume, µm³"), rows, len(living))
 
     def _words(self) -> list[str]:
         return [name for name in dir(type(self)) if not name.startswith("_")]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._shown import short_repr
+
 
 @dataclass(frozen=True, slots=True)
 class CellField:
@@ -21,6 +23,8 @@ class CellField:
     name: str
     origin: NDArray[np.int64]
     phi: NDArray
+
+    __repr__ = short_repr
 
 
 def centroid(cell: CellField, spacing: float) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.confinement import Confinement
 
 Floats = NDArray[np.float64]
@@ -34,6 +35,8 @@ class PowerPartition:
 
     points: Floats
     weights: Floats
+
+    __repr__ = short_repr
 
     def signed_distance(self, cell: int, x: Floats, y: Floats, z: Floats) -> Floats:
         """Depth below the nearest face of a cell, µm, positive inside; walls are not faces."""

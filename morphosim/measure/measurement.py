@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.cell_field import CellField
 from morphosim.kernels.moments import N_MOMENTS, Fields, moments
 from morphosim.kernels.surfaces import surfaces
@@ -67,6 +68,8 @@ class Measurement:
     touched: Real
     contacts: NDArray[np.int64]
     contact_area: Real
+
+    __repr__ = short_repr
 
     @cached_property
     def volume(self) -> Real:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._shown import short_repr
+
 Real = NDArray[np.float64]
 
 
@@ -27,6 +29,8 @@ class Positions:
     time: float
     cells: Sequence[str] | NDArray[Any]
     centroids: Real
+
+    __repr__ = short_repr
 
     def distance(self, before: "Positions") -> Real:
         """(N,) distance of each cell from where it was before, µm; NaN where it was not there."""

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.cell_field import CellField
 
 SURFACE = 0.5
@@ -26,6 +27,8 @@ class Surface:
     name: str
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
+
+    __repr__ = short_repr
 
     @property
     def area(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.physics.term import Concern, Conditions, Environment, Term
 
 Pair = tuple[str, str]
@@ -57,6 +58,8 @@ class Attraction(Term):
     drifts = False
     label = "attraction"
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         _validate.number("sigma.default", self.default, least=0)
         if self.sisters is not None:
@@ -98,6 +101,13 @@ class Attraction(Term):
         }
         asymmetric = {(i, j): default for j, i in pairs if (i, j) not in pairs}
         return cls(default=default, pairs=pairs | asymmetric)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Smallest and largest σ that is stated."""
+        sisters = [] if self.sisters is None else [self.sisters]
+        values = [self.default, *sisters, *self.types.values(), *self.pairs.values()]
+        return float(min(values)), float(max(values))
 
     def strongest(self, types: Sequence[str]) -> float:
         """Largest σ by type, for cells of these types, of sisters, now or to come, or of a pair."""

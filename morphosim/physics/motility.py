@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.noise import normal_vectors
 from morphosim.numerics.parameters import Numerics
@@ -36,6 +37,8 @@ class Motility(Term):
 
     columns = (Column("kappa", saved=False), Column("normals", shape=(3,), saved=False))
     random = True
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _validate.number("physics.kappa", self.kappa, least=0)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from morphosim import _validate
+from morphosim._shown import listed, short_repr
 from morphosim.cell_table import Column
 from morphosim.physics.attraction import Attraction
 from morphosim.physics.confinement_repulsion import ConfinementRepulsion
@@ -64,6 +65,8 @@ class Physics:
     kappa_by_type: Mapping[str, float] = field(default_factory=dict)
     terms: Sequence[Term] = ()
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         _validate.number("physics.tau", self.tau, above=0)
         if not isinstance(self.sigma, Attraction):
@@ -117,6 +120,19 @@ class Physics:
     def columns(self) -> tuple[Column, ...]:
         """What the terms that act keep of each cell."""
         return tuple(column for term in self.active_terms for column in term.columns)
+
+    @property
+    def summary(self) -> str:
+        """The main parameters in one line."""
+        weakest, strongest = self.attraction.extent
+        parts = [
+            f"γ = {self.gamma:.3g}",
+            f"c = {self.c:.3g}",
+            f"σ = {weakest:.3g}" + (f" to {strongest:.3g}" if strongest > weakest else ""),
+            f"κ = {self.kappa:.3g}" if self.kappa else "",
+            listed([term.name for term in self.terms]),
+        ]
+        return ", ".join(part for part in parts if part)
 
     @property
     def surface_tension(self) -> SurfaceTension:

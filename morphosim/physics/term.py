@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable, Column
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.points import PointForce
@@ -51,6 +52,8 @@ class Step:
     seed: int
     volumes: Floats
 
+    __repr__ = short_repr
+
     @property
     def time(self) -> float:
         """*In silico* time at the beginning of the step."""
@@ -71,6 +74,8 @@ class Forces:
 
     pressure: Floats
     drift: Floats
+
+    __repr__ = short_repr
 
 
 class Pull(Protocol):
@@ -129,6 +134,8 @@ class Environment:
     walls: list[SpaceTerm] = field(default_factory=list)
     potentials: list[SpaceTerm] = field(default_factory=list)
 
+    __repr__ = short_repr
+
     def add_wall(self, term: "Term", function: SpaceFunction, *depends: Any) -> None:
         """Add R(x, y, z) ≥ 0, a function of points in µm.
 
@@ -172,6 +179,8 @@ class Conditions:
     interface_scale: float
     numerics: Numerics
     confinement: Confinement | None
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True)

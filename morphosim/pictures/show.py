@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from morphosim import _validate
 from morphosim._files import writable, write_text
+from morphosim._shown import short_repr
 from morphosim.pictures.camera import MOST_PIXELS
 from morphosim.pictures.palettes import DIVERGING, hexed, many_colours
 from morphosim.pictures.viewerdata import run_data
@@ -43,6 +44,8 @@ class Page:
 
     html: str
     height: int
+
+    __repr__ = short_repr
 
     def _repr_html_(self) -> str:
         return (

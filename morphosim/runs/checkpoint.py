@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing
+from morphosim._shown import short_repr
 from morphosim.physics.term import Term
 from morphosim.provenance import versions
 from morphosim.runs.identity import Identity
@@ -59,6 +60,8 @@ class Checkpoint:
     back: "Checkpoint | None" = None
     identity: Identity = field(default_factory=Identity)
     error: str = ""
+
+    __repr__ = short_repr
 
     @property
     def names(self) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from morphosim import _validate
+from morphosim import _shown, _validate
 from morphosim._files import replacing
 from morphosim.errors import SaveError
 from morphosim.measure.motion import Positions
@@ -87,6 +87,10 @@ class RunWriter:
         if not (resume or overwrite):
             self.files.check_free()
         self._make_folder()
+
+    def __repr__(self) -> str:
+        where = _shown.short(str(self.directory))
+        return f"RunWriter({where}, every={self.every:g}, fields={self.fields!r})"
 
     @classmethod
     def of(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.shapes import Field, Shape
 from morphosim.physics.parameters import Physics
 
@@ -29,6 +30,8 @@ class VolumeCourse:
 
     times: Sequence[float]
     volumes: Sequence[float]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         times = _validate.array("volume.times", self.times, (None,))
@@ -80,6 +83,8 @@ class Cell:
     gamma: float | None = None
     frozen: bool = False
     parent: str = ""
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _validate.label("cell name", self.name)

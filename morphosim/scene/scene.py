@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from morphosim import _validate
+from morphosim import _shown, _validate
 from morphosim.cell_field import CellField
 from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.shapes import Field, PowerCell
@@ -89,6 +89,34 @@ class Scene:
         _validate.flag("scene.save_labels", self.save_labels)
         _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
         self.physics.check(self.possible_names, self.possible_types)
+
+    def __repr__(self) -> str:
+        return _shown.text_of(self._title(), self._facts())
+
+    def _repr_html_(self) -> str:
+        head = ("cell", "type", "starts from", "V(0), µm³")
+        rows = (
+            (cell.name, cell.type, type(cell.shape).__name__, f"{cell.target_volume(0.0):.4g}")
+            for cell in self.cells
+        )
+        return _shown.html_of(self._title(), self._facts(), head, rows, len(self.cells))
+
+    def _title(self) -> str:
+        return f"Scene {_shown.short(self.name)}"
+
+    def _facts(self) -> dict[str, str]:
+        """What the scene is, by name."""
+        numerics = self.numerics
+        return {
+            "cells": f"{len(self.cells)}: {_shown.listed(self.names)}",
+            "types": _shown.listed(sorted({kind for kind in self.types if kind})),
+            "physics": self.physics.summary,
+            "numerics": f"δt = {numerics.dt:g}, spacing {numerics.spacing:g} µm, S = {numerics.S:g}"
+            f", {numerics.scheme}, {numerics.active_solver}",
+            "confinement": type(self.confinement).__name__ if self.confinement else "open space",
+            "duration": f"{self.duration:g}, a save every {self.save_every:g}",
+            "stages": _shown.listed([stage.name for stage in self.stages]),
+        }
 
     def _check_steps(self) -> None:
         """Raise ValueError if no computer can take so many steps."""

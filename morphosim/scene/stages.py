@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.scene.ends import ENDS, End
 from morphosim.scene.events import Event
 from morphosim.scene.target import PhysicsValues, check_physics
@@ -47,6 +48,8 @@ class Stage:
     events: Sequence[Event] = ()
     rules: Sequence[Event] = ()
     rules_every: float = 100.0
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _validate.label("stage: name", self.name)

@@ -6,6 +6,7 @@ from typing import overload
 
 import numpy as np
 
+from morphosim._shown import listed
 from morphosim.cell_table import CellTable
 from morphosim.scene.cell import VolumeFunction, volume_at
 from morphosim.simulation.volumes import VolumeFunctions
@@ -43,6 +44,9 @@ class LivingCells(Sequence[LivingCell]):
 
     def __init__(self, cells: CellTable, volumes: VolumeFunctions) -> None:
         self._cells, self._volumes = cells, volumes
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} living: {listed(self._cells.names)}>"
 
     def __len__(self) -> int:
         return len(self._cells)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim import _validate
+from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
 from morphosim.runs.checkpoint import Checkpoint
@@ -107,6 +107,33 @@ class Simulation(State):
             self._stages.restore(state)
         stability.check(scene)
         self.engine.settle()
+
+    def __repr__(self) -> str:
+        return _shown.text_of(self._title(), self._facts())
+
+    def _repr_html_(self) -> str:
+        cells = self.cells
+        rows = (
+            (cell.name, cell.type, cell.parent, f"{cell.target_volume(self.time):.4g}")
+            for cell in cells
+        )
+        head = ("cell", "type", "mother", "V(t), µm³")
+        return _shown.html_of(self._title(), self._facts(), head, rows, len(cells))
+
+    def _title(self) -> str:
+        return f"Simulation of {_shown.short(self.scene.name)} at t = {self.time:g}"
+
+    def _facts(self) -> dict[str, str]:
+        """What the simulation is, by name; all of it is known to every MPI rank."""
+        removed = [name for _, name in self.removed]
+        return {
+            "cells": f"{len(self.names)}: {_shown.listed(self.names)}",
+            "steps": f"{self.steps} of δt = {self.dt:g}",
+            "stage": self.stage,
+            "removed": _shown.listed(removed),
+            "last event": self.events[-1][1] if self.events else "",
+            "error": self.error,
+        }
 
     def _make_engine(self) -> Engine:
         """Engine without cells."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.numerics.parameters import LARGEST_SEED
 
 VALUE = "{value}"
@@ -39,6 +40,8 @@ class Axis:
     values: Sequence[Any]
     sets: str | Mapping[str, Any] | None = None
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
@@ -58,6 +61,8 @@ class Range:
     log: bool = False
     sets: str | Mapping[str, Any] | None = None
 
+    __repr__ = short_repr
+
     def at(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values at shares, 0 to 1, of the range."""
         if self.log:
@@ -71,6 +76,8 @@ class Member:
 
     number: int
     settings: Settings
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +104,8 @@ class Plan:
     replicates: int = 1
     seed: int = 0
     fixed: Settings = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     @property
     def sizes(self) -> dict[str, int]:

@@ -93,7 +93,7 @@ def staged() -> Scene:
 
 def vanishing(**values: Any) -> Scene:
     """A cell too small to last."""
-    small = Cell(name="small", shape=Sphere(center=(30, 0, 0), radius=1.2), volume=0.1)
+    small = Cell(name="small", shape=Sphere(center=(30, 0, 0), radius=1.6), volume=0.1)
     return Scene(
         cells=[*cells(5), small], physics=Physics(M=0.0), numerics=numerics(), duration=60, **values
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.confinement.protocol import Floats, check_corners
 from morphosim.geometry.signed_distance import Image, depth_image
 
@@ -37,6 +38,8 @@ class FunctionWalls:
     function: Callable[[Any, Any, Any], Any]
     lower: ArrayLike
     upper: ArrayLike
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _validate.function("confinement.function", self.function, 3)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.confinement.protocol import Floats
 from morphosim.geometry.signed_distance import Image, depth_image
 
@@ -26,6 +27,8 @@ class MaskWalls:
     inside: NDArray[np.bool_]
     origin: ArrayLike = (0.0, 0.0, 0.0)
     spacing: ArrayLike = 0.5
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         inside = _validate.image("confinement.inside", self.inside)

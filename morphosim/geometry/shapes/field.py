@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.shapes.protocol import Floats
 from morphosim.geometry.shapes.voxels import placed_image, voxel_steps
 from morphosim.geometry.signed_distance import Image
@@ -28,6 +29,8 @@ class Field:
     phi: NDArray[np.floating]
     origin: ArrayLike = (0.0, 0.0, 0.0)
     spacing: ArrayLike = 0.5
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         phi = _validate.array("shape.phi", self.phi, (None, None, None))

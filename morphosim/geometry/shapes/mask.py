@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.shapes.protocol import Floats
 from morphosim.geometry.shapes.voxels import placed_image, voxel_steps
 from morphosim.geometry.signed_distance import depth_image
@@ -32,6 +33,8 @@ class Mask:
     origin: ArrayLike = (0.0, 0.0, 0.0)
     spacing: ArrayLike = 0.5
     smoothing: float = 4.5
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         mask = _validate.image("shape.mask", self.mask)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.power_partition import PowerPartition
 from morphosim.geometry.shapes.protocol import Floats
@@ -27,6 +28,8 @@ class Point:
     position: ArrayLike
     volume: float | None = None
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         _validate.vector("shape.position", self.position)
         if self.volume is not None:
@@ -41,6 +44,8 @@ class PowerCell:
     cell: int
     volume: float
     confinement: Confinement | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _validate.instance("shape.partition", self.partition, PowerPartition)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 
 MOST_LOOSE = 0.05
 """A label whose pieces beside the largest make up more than this share is refused."""
@@ -37,6 +38,8 @@ class LabelImage:
     labels: NDArray[np.integer]
     spacing: ArrayLike
     origin: ArrayLike = (0.0, 0.0, 0.0)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", _whole_numbers(self.labels))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 
 Vector = tuple[float, float, float]
 AXES = ("table", "measured")
@@ -68,6 +69,8 @@ class DivisionGroup:
     time: float | None
     """Time of the division, minutes (see `Lineage.groups`); None if the table has no times."""
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lineage:
@@ -75,6 +78,8 @@ class Lineage:
 
     cells: Mapping[str, LineageCell]
     division_groups: tuple[DivisionGroup, ...]
+
+    __repr__ = short_repr
 
     @property
     def roots(self) -> list[str]:

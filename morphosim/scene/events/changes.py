@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.scene.cell import CHANGEABLE, check_values
 from morphosim.scene.target import Changeable, Foreseen, PhysicsValues, check_physics
 
@@ -22,6 +23,8 @@ class CellChange:
 
     cells: Sequence[str]
     values: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         names = _validate.labels("change of cells: cells", self.cells)
@@ -54,6 +57,8 @@ class PhysicsChange:
     """
 
     values: PhysicsValues
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         check_physics("change of physics", self.values)

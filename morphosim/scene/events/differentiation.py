@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.scene.target import Foreseen, Target
 
 
@@ -22,6 +23,8 @@ class Differentiation:
     touching: str
     into: str
     area: float = 0.0
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name in ("of", "touching", "into"):

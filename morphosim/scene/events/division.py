@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.scene.target import Changeable, Foreseen
 
 
@@ -32,6 +33,8 @@ class Division:
     fraction: float = 0.5
     types: tuple[str, str] | None = None
     volumes: tuple[float, float] | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _validate.label("division: cell", self.cell)

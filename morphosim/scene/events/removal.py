@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from morphosim import _validate
+from morphosim._shown import short_repr
 from morphosim.scene.target import Foreseen, Target
 
 AXES = ("x", "y", "z")
@@ -30,6 +31,8 @@ class Removal:
     above: Mapping[str, float] = field(default_factory=dict)
     isolated: bool = False
     rule: Callable[[Any], Sequence[str]] | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cells", _validate.labels("removal: cells", self.cells))
