@@ -1,9 +1,10 @@
 """The application in the browser: simulate above, look below.
 
-- `settings`: what the form holds, and the scene that it says.
+- `source`, `changes`, `settings`: where a scene comes from, what the form changes of it, and the
+  scene that it says.
 - `store`: the folder below which alone the application reads and writes.
 - `processes`, `worker`, `tasks`: long work, in processes of their own.
 - `access`: who may ask for pages.
 - `charts`: figures over time, and the contact matrix.
-- `server`, `upper`, `lower`: the page.
+- `server`, `upper` with its `form`, `lower`: the page.
 """

@@ -17,7 +17,7 @@ PAIR_VALUE = (
 MEANT = "(numerics[preset] ?? {})"
 """What the chosen preset means."""
 WALL_CHOICES = (
-    f"[{{title: 'as the preset: ' + {MEANT}.walls, value: ''}},"
+    f"[{{title: 'preset: ' + {MEANT}.walls, value: ''}},"
     " ...wall_kinds.map(kind => ({title: kind, value: kind}))]"
 )
 

@@ -58,7 +58,7 @@ def read_labels(
         The file cannot be read, is cut short, or larger than the memory; what it holds is no
         label image in space; or it does not say what is not given. The message says what to give.
     ImportError
-        A compressed TIFF file needs the package imagecodecs.
+        A compressed TIFF file needs the package imagecodecs (extra `images`).
 
     Examples
     --------
