@@ -133,6 +133,8 @@ class Lower:
             state.about += f". Ended by an error: {error}"
         finished = run.attrs.get("finished", times[-1] >= end - 1e-9)  # of old runs, by their time
         state.can_resume = not error and not finished
+        if state.can_resume and (why := run.attrs.get("stopped", "")):
+            state.about += f". Stopped: {why}"
 
     async def _show_cells(self, path: Path, began: float) -> None:
         assert self._viewing is not None

@@ -94,7 +94,11 @@ class Upper:
         self._begin(name)
         end, error, note = "finished", "", f"{name} is saved"
         try:
-            await self._desk.do(job, self._heard, **arguments)
+            if why := await self._desk.do(job, self._heard, **arguments):
+                end, note = (
+                    "stopped",
+                    f"{name} is stopped and saved ({why}); Resume goes on with it",
+                )
         except JobError as failure:
             end, error, note = "failed", str(failure), ""
         except Stopped:

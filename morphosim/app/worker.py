@@ -29,6 +29,7 @@ from morphosim.simulation.compilation import compilation_told
 from morphosim.simulation.simulation import Simulation
 
 PAUSE, GO_ON = "pause", "go on"
+BY_CLICK = "by a click in the app"
 CURE = "standard"
 """Preset that is offered where another may diverge."""
 TRIANGLES = 800
@@ -50,25 +51,26 @@ def warm_up(channel: Channel) -> None:
     frame(0.0, field_meshes([ball], 1.0), triangles=100)
 
 
-def simulate(channel: Channel, settings: Settings, store: Store) -> None:
-    """Simulate the scene of the form, and save it below the folder."""
+def simulate(channel: Channel, settings: Settings, store: Store) -> str:
+    """Simulate the scene of the form, and save it; returns why it was stopped, or ""."""
     directory = store.new_run(settings.name)
     with _told(channel):
         scene = settings.scene(store)
     with _told(channel, scene):
-        _run(channel, Simulation(scene), directory)
+        return _run(channel, Simulation(scene), directory)
 
 
-def resume(channel: Channel, name: str, store: Store) -> None:
-    """Go on with a run from its last save."""
+def resume(channel: Channel, name: str, store: Store) -> str:
+    """Go on with a run from its last save; returns why it was stopped, or ""."""
     directory = store.run(name)
     with _told(channel):
-        _run(channel, Simulation.from_run(directory), directory, resume=True)
+        return _run(channel, Simulation.from_run(directory), directory, resume=True)
 
 
-def _run(channel: Channel, simulation: Simulation, directory: Path, resume: bool = False) -> None:
+def _run(channel: Channel, simulation: Simulation, directory: Path, resume: bool = False) -> str:
     writer = RunWriter.of(simulation.scene, directory, resume)
     simulation.run(observers=[writer, Watcher(channel, directory)])
+    return "" if simulation.finished else simulation.stopped
 
 
 def save(channel: Channel, settings: Settings, name: str, store: Store) -> list[str]:
@@ -154,7 +156,7 @@ class Watcher:
         if command == PAUSE:
             command = self._pause(simulation)
         if command == STOP:
-            raise Stopped
+            simulation.stop(BY_CLICK)
 
     def finish(self, simulation: Simulation) -> None:
         """Tell the end and show it, unless nobody is there any more."""

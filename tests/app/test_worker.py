@@ -13,7 +13,6 @@ from numba.core import event
 from morphosim import Cell, Physics, RunWriter, Scene, Simulation, Sphere, open_run
 from morphosim.app import charts, tasks, worker
 from morphosim.app.lower import MOST_SAVES, chosen_saves
-from morphosim.app.processes import Stopped
 from morphosim.app.settings import Settings, facts
 from morphosim.app.source import Source
 from morphosim.app.store import Store
@@ -97,16 +96,16 @@ def test_a_preset_keeps_the_stabilisation_that_an_image_needs(folder: Path, form
 def test_a_run_that_is_stopped_goes_on_to_the_same_end(folder: Path, form: Settings) -> None:
     store = Store(folder)
     channel = Commands("", worker.PAUSE, worker.GO_ON, "", "stop")
-    with pytest.raises(Stopped):
-        worker.simulate(channel, form, store)  # type: ignore[arg-type]
+    assert worker.simulate(channel, form, store) == worker.BY_CLICK  # type: ignore[arg-type]
     kinds = channel.kinds()
     assert kinds[:2] == ["began", "load"]
     assert kinds.index("paused") < kinds.index("went on")
     with open_run(store.run("runs/pair")) as run:
         assert run["time"].values[-1] == 8  # four steps
+        assert run.attrs["stopped"] == worker.BY_CLICK
 
     again = Commands()
-    worker.resume(again, "runs/pair", store)  # type: ignore[arg-type]
+    assert worker.resume(again, "runs/pair", store) == ""  # type: ignore[arg-type]
     assert again.told[0] == ("began", {"until": 40})
     whole = Simulation(form.scene(store))
     whole.run(observers=[RunWriter(folder / "whole", 10)])
