@@ -301,6 +301,24 @@ def test_a_saved_scene_gives_the_run_that_the_form_gives(store: Store) -> None:
         worker.save(Silent(), said, "mine.toml", store)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("celegans-8", {"volumes": ["3000", *[""] * 7], "tensions": ["0.3", *[""] * 7]}),
+        ("celegans-1-to-8", {"gamma": "0.3", "preset": "fast", "types": ["Q"]}),
+        ("synnotch-repair", {"preset": "draft", "S": "7", "walls": "stepped"}),
+    ],
+)
+def test_a_saved_scene_is_the_one_that_the_form_says(
+    tmp_path: Path, name: str, changes: dict[str, Any]
+) -> None:
+    store = Store(tmp_path)
+    said = settings(built_in_scene(name), Source(scene=name), **(changes | {"name": "mine"}))
+    worker.save(Silent(), said, "mine", store)  # type: ignore[arg-type]
+    written = scene_table(load_scene(tmp_path / "mine.toml"))
+    np.testing.assert_equal(written, scene_table(said.scene(store)))
+
+
 @pytest.mark.parametrize("name", ["", "../out", "a/b/c/d/e", ".hidden"])
 def test_a_scene_is_saved_within_the_folder_alone(store: Store, name: str) -> None:
     with pytest.raises(ValueError, match=r"is not allowed|leads out|would not be listed"):
