@@ -92,6 +92,25 @@ def full_grid_states(
     return result
 
 
+def fields_of(simulation: Simulation) -> list[CellField]:
+    """Copies of the fields, which last beyond the next step."""
+    return [CellField(f.name, f.origin.copy(), f.phi.copy()) for f in simulation.fields]
+
+
+def difference(first: Sequence[CellField], second: Sequence[CellField]) -> float:
+    """Σ ∫ |Δφ| over the cells of two states on one lattice, in lattice points."""
+    total = 0.0
+    for one, other in zip(first, second, strict=True):
+        low = np.minimum(one.origin, other.origin)
+        high = np.maximum(one.origin + one.phi.shape, other.origin + other.phi.shape)
+        whole = np.zeros(high - low)
+        for sign, field in ((1, one), (-1, other)):
+            place = zip(field.origin - low, field.phi.shape, strict=True)
+            whole[tuple(slice(o, o + n) for o, n in place)] += sign * field.phi
+        total += float(np.abs(whole).sum())
+    return total
+
+
 def errors(found: State, converged: State) -> dict[str, float]:
     """Distances between two states of the same cells at the same time."""
     shift = np.linalg.norm(found.centroids - converged.centroids, axis=1)

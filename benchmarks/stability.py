@@ -1,8 +1,9 @@
 """The stability map: smallest stable S, stretch of time, and the limits of every parameter.
 
-Run as `python benchmarks/stability.py` (about half an hour). Writes stability.nc, stability.md and
-stability.png into the output folder. With `--random 60` it runs that many scenes of random, extreme
-numbers through the command line instead, and counts how they end.
+Run as `python benchmarks/stability.py` (about half an hour). Writes stability.nc, lag.nc,
+stability.md and stability.png into the output folder. With `--lag` it measures the last part alone
+(five minutes). With `--random 60` it runs that many scenes of random, extreme numbers through the
+command line instead, and counts how they end.
 
 A run is stable if it takes all its steps, ends with sound fields (-0.3 < φ < 1.5) and does not
 flip from step to step. The parts:
@@ -11,7 +12,9 @@ flip from step to step. The parts:
   published and with resolved ones, beside what `morphosim.scene.stability` predicts;
 - the stretch of *in silico* time at that S (Fig. S3): the factor by which the embryo's trajectory
   is slower than that of small steps;
-- the limits of physical parameters at the presets `standard` and `published`.
+- the limits of physical parameters at the presets `standard` and `published`;
+- what long steps miss: the error of the fields at the end of runs, as a share of what has changed
+  since their start, beside what `morphosim.scene.stability.missed` says of it.
 """
 
 import argparse
@@ -24,6 +27,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +35,14 @@ import numpy as np
 import xarray as xr
 from _common import machine, markdown_table
 from _pictures import limits_picture, stability_picture
-from _scenes import adhering, embryo, walled
+from _scenes import adhering, embryo, relaxing, walled
+from _states import difference, fields_of
 from scipy.optimize import minimize_scalar
 
 from morphosim import BoxWalls, Cell, DivergenceError, Numerics, Scene, Simulation, Sphere
+from morphosim.cell_field import CellField
 from morphosim.errors import CellVanishedError
-from morphosim.scene.stability import least_S
+from morphosim.scene.stability import is_late, lag, least_S, missed
 
 TIME_STEPS = (0.1, 0.3, 0.5, 1.0, 1.5, 2.0, 2.1, 2.5, 3.0, 4.0)
 SCHEMES = ("bdf2", "imex1")
@@ -277,6 +283,67 @@ def _limit(parameter: Parameter, run: Callable[[float], str]) -> float:
     return float(np.exp(found))
 
 
+LAG_SCENES = {"relaxing": relaxing, "adhering": adhering, "walled": walled, "embryo": embryo}
+LAG_STEPS = (2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 256.0, 1024.0)
+LAG_TIMES = (16.0, 64.0, 256.0, 1024.0, 4096.0)
+LAG_HEAD = """
+## Long steps
+
+By `benchmarks/stability.py --lag`, with the band solver and S = 6: the error of the fields at the
+end of a run, as a share of what has changed since its start (∫abs(Δφ), all cells), against δt =
+0.5; in brackets what `morphosim.scene.stability.missed` says, (1 - exp(-T/L)) L/T with the lag L =
+S δt²/τ. Bold is what is refused, or warned of: more than 15 %, unless L is at most 16 τ/2γc = 42.
+
+"""
+
+
+def lags() -> xr.Dataset:
+    """Share of the change that is wrong over scene, δt and the run's time."""
+    wrong = np.full((len(LAG_SCENES), len(LAG_STEPS), len(LAG_TIMES)), np.nan)
+    for i, (name, make) in enumerate(LAG_SCENES.items()):
+        scene = replace(make().with_numerics(solver="band"), duration=1e9)
+        right = _states_at(scene.with_numerics(dt=0.5))
+        for j, dt in enumerate(LAG_STEPS):
+            for t, state in _states_at(scene.with_numerics(dt=dt)).items():
+                if t:
+                    share = difference(state, right[t]) / difference(right[t], right[0.0])
+                    wrong[i, j, LAG_TIMES.index(t)] = share
+            print(name, f"δt = {dt:g}", wrong[i, j].round(3), flush=True)
+    coords = {"scene": list(LAG_SCENES), "dt": list(LAG_STEPS), "time": list(LAG_TIMES)}
+    return xr.Dataset({"wrong": (("scene", "dt", "time"), wrong)}, coords=coords)
+
+
+def _states_at(scene: Scene) -> dict[float, list[CellField]]:
+    """Fields at the start and at those of the times that have a step and are not too far off."""
+    simulation = Simulation(scene)
+    found = {0.0: fields_of(simulation)}
+    for t in LAG_TIMES:
+        if t >= scene.numerics.dt and (t <= 1024 or len(scene.cells) < 8):
+            simulation.run(until=t)
+            found[t] = fields_of(simulation)
+    return found
+
+
+def lag_markdown(data: xr.Dataset) -> str:
+    """The table of long steps."""
+    rows = []
+    for name, dt in product(data.scene.values.tolist(), data.dt.values.tolist()):
+        scene = LAG_SCENES[name]().with_numerics(dt=dt)
+        runs = [replace(scene, duration=t) for t in data.time.values.tolist()]
+        shares = zip(data.wrong.sel(scene=name, dt=dt).values, runs, strict=True)
+        cells = [_late_text(float(share), run) for share, run in shares]
+        rows.append([name, f"{dt:g}", f"{lag(scene):.3g}", *cells])
+    times = [f"T = {t:g}, %" for t in data.time.values]
+    return LAG_HEAD + markdown_table(["scene", "δt", "lag L", *times], rows)
+
+
+def _late_text(share: float, run: Scene) -> str:
+    if np.isnan(share):
+        return "–"
+    text = f"{100 * share:.1f} ({100 * missed(run):.0f})"
+    return f"**{text}**" if is_late(run) else text
+
+
 def markdown(data: xr.Dataset) -> str:
     """Tables of the map and of the limits."""
     rows = []
@@ -335,6 +402,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/stability"))
     parser.add_argument("--table", action="store_true", help="only redraw tables and pictures")
+    parser.add_argument("--lag", action="store_true", help="only measure what long steps miss")
     parser.add_argument("--random", type=int, default=0, help="random extreme scenes to run alone")
     options = parser.parse_args()
     if options.random:
@@ -342,9 +410,16 @@ def main() -> None:
         print(", ".join(f"{n} {end}" for end, n in ends.most_common()))
         sys.exit("WRONG" in ends)
     options.output.mkdir(parents=True, exist_ok=True)
-    path = options.output / "stability.nc"
+    path, long_steps = options.output / "stability.nc", options.output / "lag.nc"
     if not options.table:
         warnings.simplefilter("ignore")  # it goes beyond the limits on purpose
+        lags().to_netcdf(long_steps)
+    with xr.open_dataset(long_steps) as data:
+        late = lag_markdown(data)
+    if options.lag:
+        print(late)
+        return
+    if not options.table:
         bounds, rows = limits()
         smallest = map_of_S(embryo())
         published = smallest["smallest_S"].sel(walls="stepped", drop=True)
@@ -354,7 +429,7 @@ def main() -> None:
         data.attrs["machine"] = str(machine())
         data.to_netcdf(path)
     with xr.open_dataset(path) as data:
-        text = markdown(data)
+        text = markdown(data) + late
         (options.output / "stability.md").write_text(text, encoding="utf-8")
         print(text)
         found = dict(zip(*np.unique(data["extreme_outcome"], return_counts=True), strict=True))

@@ -1,4 +1,8 @@
-"""Errors that a running simulation raises, and how an error is told in one line."""
+"""Errors that a running simulation raises, how an error is told in one line, and how to warn."""
+
+import sys
+import warnings
+from types import FrameType
 
 
 def told(error: BaseException) -> str:
@@ -34,3 +38,23 @@ class SaveError(OSError):
 
 class DamageWarning(UserWarning):
     """A file of a run is damaged, or of another run, and is left out."""
+
+
+def warn(message: str, category: type[Warning] = UserWarning) -> None:
+    """Warn of what the user's line has called for, however deep in the package it shows.
+
+    The line is the nearest on the stack that is neither the package's nor the standard library's.
+    """
+    frame, level = sys._getframe(1), 2
+    while _is_internal(frame) and frame.f_back is not None:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)
+
+
+def _is_internal(frame: FrameType) -> bool:
+    """Whether a frame is of this package or the standard library; told by its module.
+
+    File names would not do: the constructor of a dataclass has none.
+    """
+    package = frame.f_globals.get("__name__", "").partition(".")[0]
+    return package == __package__ or (package != "__main__" and package in sys.stdlib_module_names)

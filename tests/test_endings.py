@@ -208,11 +208,12 @@ def test_a_variable_that_fails_at_the_end_does_not_lose_the_last_state(tmp_path:
     try:
         with (
             pytest.raises(DivergenceError),
-            pytest.warns(UserWarning, match="last save is without fragile: .* cannot be measured"),
+            pytest.warns(UserWarning, match="last save is without fragile: .* be measured") as told,
         ):
             simulation.run(observers=[RunWriter(tmp_path, 100)])
     finally:
         del MEASURED["fragile"]
+    assert told[0].filename == __file__
     with open_run(tmp_path) as run:
         assert np.isfinite(run["fragile"].values[:, 0]).tolist() == [True, False]
         assert "diverged" in run.attrs["error"]
@@ -258,6 +259,9 @@ def test_a_run_does_not_end_before_what_it_has_reached(call: Any, tmp_path: Path
         code, err = call(["run", "--resume", directory, "--until", until])
         assert code == 2
         assert f"--until {until}: the run has reached t = 20 already; give a later end" in err
+    code, err = call(["run", "--resume", directory, "--until", "1e30"])
+    assert code == 2
+    assert "scene.duration = 1e+30 takes 5e+29 steps of numerics.dt = 2; at most 1e+11" in err
     assert (tmp_path / "run" / "scene.toml").read_bytes() == before
     assert call(["run", "--resume", directory, "--until", "20"])[0] == 0
 

@@ -117,8 +117,9 @@ def test_cells_too_far_apart_for_a_label_image(run: Run, tmp_path: Path, vtk: An
     low = far["box_low"].values.copy()
     low[:, 0] += 2000
     far["box_low"] = ("time", "cell", "axis"), low
-    with pytest.warns(UserWarning, match=r"labels.pvd is not written"):
+    with pytest.warns(UserWarning, match=r"labels.pvd is not written") as told:
         export(far, tmp_path / "vtk", "vtk", times=[0])
+    assert told[0].filename == __file__
     assert {p.name for p in (tmp_path / "vtk").iterdir()} == {"cells", "cells.pvd"}
     with pytest.raises(ValueError, match=r"points, which holds the boxes of all 1 saves"):
         export(far, tmp_path / "tiff", "ome-tiff", times=[0])

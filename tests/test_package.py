@@ -135,3 +135,65 @@ def test_no_module_imports_a_private_name_of_another() -> None:
         if alias.name.startswith("_")
     ]
     assert found == []
+
+
+def test_all_warnings_point_to_the_line_of_the_user() -> None:
+    """One function makes them; it finds that line."""
+    for path in (ROOT / "morphosim").rglob("*.py"):
+        calls = {
+            ast.unparse(node.func)
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Call)
+        }
+        raises = calls & {"warnings.warn", "warnings.warn_explicit"}
+        assert not raises or path.name == "errors.py", path
+
+
+USER = """\
+import sys
+from types import ModuleType
+from morphosim.errors import warn
+
+module = sys.modules["morphosim.scene.deep"] = ModuleType("morphosim.scene.deep")
+exec({library!r}, module.__dict__)
+{call}
+"""
+LIBRARY = """
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from morphosim.errors import DamageWarning, warn
+
+@dataclass
+class Deep:
+    value: int
+
+    def __post_init__(self):
+        self.lazy
+
+    @cached_property
+    def lazy(self):
+        with context():
+            return 1
+
+@contextmanager
+def context():
+    list(map(inner, [1]))
+    yield
+
+def inner(value):
+    warn("something is damaged", DamageWarning)
+
+def calls(function):
+    function()
+"""
+
+
+@pytest.mark.parametrize(
+    "call", ["module.Deep(1)", "module.calls(lambda: module.inner(1))", "warn('by hand')"]
+)
+def test_a_warning_points_to_the_nearest_line_outside(tmp_path: Path, call: str) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(USER.format(library=LIBRARY, call=call))
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert f"{script}:7: " in done.stderr.splitlines()[0]

@@ -1,6 +1,8 @@
 """Warnings before the first step, divergence soon after it, and sound ends at the extremes."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -22,8 +24,10 @@ from morphosim import (
     Stage,
     VolumeCourse,
     built_in_scene,
+    relaxed,
     scene_names,
 )
+from morphosim.numerics.parameters import PRESETS
 from morphosim.scene import stability
 from morphosim.scene.stability import concerns, explicit_rates
 
@@ -162,12 +166,6 @@ def test_walls_that_do_not_press_need_less() -> None:
     assert len(concerns(free.with_numerics(S=11.5))) == 1
 
 
-def test_a_warning_points_to_the_line_that_makes_the_simulation() -> None:
-    with pytest.warns(StabilityWarning) as caught:
-        Simulation(pressed(S=2.0))
-    assert caught[0].filename == __file__
-
-
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
@@ -197,6 +195,108 @@ def test_a_lattice_that_does_not_resolve_the_interface_is_refused() -> None:
         Simulation(pair(c=18.0))
     Simulation(pair().with_numerics(spacing=0.75))
     Simulation(pair().with_numerics(spacing=0.8, allow_coarse=True)).step()
+
+
+# --- steps that are too long for the run ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(("dt", "S", "tau"), [(2, 6, 2.62), (0.5, 3, 0.2), (40, 1, 26)])
+def test_the_lag_is_that_of_the_scheme(dt: float, S: float, tau: float) -> None:
+    """Eq. 9 from rest under a constant force: φ is that of S δt²/τ before, and of BDF2's δt/2."""
+    before, now, force, steps = 0.0, 0.0, 0.7, 4000
+    rate = tau / (2 * dt)
+    for _ in range(steps):
+        new = (4 * rate * now - rate * before + S * (2 * now - before) + force) / (3 * rate + S)
+        before, now = now, new
+    scene = pair(tau=tau).with_numerics(dt=dt, S=S)
+    late = (steps - 0.5) * dt - now * tau / force
+    assert late == pytest.approx(stability.lag(scene), rel=1e-6)
+
+
+@EXPECTED_TO_FAIL
+def test_at_most_so_much_is_missing_as_is_told() -> None:
+    end = 96.0
+    fine = replace(pair().with_numerics(solver="band"), duration=end)
+    long = fine.with_numerics(dt=8.0)
+    start, right, late = centroids_of(fine, 0.0), centroids_of(fine, end), centroids_of(long, end)
+    missing = np.linalg.norm(late - right) / np.linalg.norm(right - start)
+    assert 0.1 < missing < stability.missed(long) < 0.9
+
+
+def centroids_of(scene: Scene, until: float) -> np.ndarray:
+    """Centroids at a time, µm."""
+    simulation = Simulation(scene)
+    simulation.run(until=until)
+    return simulation.centroids
+
+
+LONG = replace(pair(), duration=4000.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (LONG.with_numerics(dt=1000.0), ("a run of 4000", "2.29e+06 later", "at most 16, ")),
+        (LONG.with_numerics(dt=2.0, S=1e6), ("numerics.dt = 2 ", "S = 1e+06", "0.039,")),
+        (pair(tau=1e-6), ("numerics.dt = 2 ", "at most 0.0015", "duration of 1.6e+08")),
+        (LONG.with_numerics(dt=1000.0, scheme="imex1"), ("numerics.dt = 1000 ", "slower")),
+    ],
+)
+def test_steps_too_long_for_the_run_are_refused(scene: Scene, words: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=r"^numerics\.dt = \S+ .*of what changes") as caught:
+        Simulation(scene)
+    for word in words:
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (
+            LONG.with_numerics(dt=32.0),
+            ("numerics.dt = 32 ", "2.35e+03 later", "duration of 1.6e+04"),
+        ),
+        (pair().with_numerics(dt=8.0), ("a run of 100", "at most 4.2", "duration of 980")),
+        (pair().with_numerics(scheme="imex1"), ("5.58 times slower", "scheme = 'bdf2'")),
+    ],
+)
+def test_steps_long_for_the_run_are_warned_of(scene: Scene, words: tuple[str, ...]) -> None:
+    with pytest.warns(StabilityWarning) as caught:
+        Simulation(scene)
+    for word in words:
+        assert word in str(caught[0].message)
+
+
+@pytest.mark.parametrize("call", [Simulation, lambda scene: relaxed(scene, 2.0)])
+def test_a_warning_points_to_the_line_of_the_user(call: Callable[[Scene], object]) -> None:
+    with pytest.warns(StabilityWarning) as caught:
+        call(pair(radius=2.5, distance=5.0).with_numerics(scheme="imex1"))
+    assert caught[0].filename == __file__
+
+
+def test_what_is_proposed_is_enough() -> None:
+    for end, dt, duration in ((4000.0, 16.0, 1.6e7), (100.0, 4.2, 1.6e7)):
+        scene = replace(pair(), duration=end).with_numerics(dt=1000.0)
+        assert stability.is_late(scene)
+        assert not stability.is_late(scene.with_numerics(dt=dt))
+        assert not stability.is_late(replace(scene, duration=duration))
+
+
+def test_steps_count_in_units_of_the_viscosity() -> None:
+    for dt, end in ((2.0, 20.0), (8.0, 300.0), (30.0, 3000.0)):
+        thin = replace(pair(), duration=end).with_numerics(dt=dt)
+        thick = replace(pair(tau=26.2), duration=10 * end).with_numerics(dt=10 * dt)
+        assert stability.missed(thick) == pytest.approx(stability.missed(thin))
+        assert stability.lag(thick) == pytest.approx(10 * stability.lag(thin))
+
+
+def test_short_runs_of_presets_are_not_warned_of() -> None:
+    for scene in (*map(built_in_scene, scene_names()), pair(), pressed()):
+        for name, end in product(PRESETS, (1.0, 10.0, 100.0, scene.duration)):
+            chosen = replace(scene, numerics=Numerics.preset(name), duration=end)
+            assert not stability.is_late(chosen)
+    assert not stability.is_late(replace(LONG.with_numerics(dt=1000.0), duration=0.0))
 
 
 # --- divergence ----------------------------------------------------------------------------------
@@ -249,7 +349,10 @@ EXTREMES = {
     "double well": [pair(c=18.0).with_numerics(spacing=0.2), pair(c=0.5)],
     "small cells": [pair(radius=2.5, distance=5.0), pair(radius=1.5, distance=3.0)],
     "start overlap": [pair(distance=1.6), pair(distance=0.0)],
-    "long steps": [pressed(dt=d) for d in (100.0, 1e6)],
+    "long steps": [
+        replace(pressed(dt=dt), duration=end, save_every=end)
+        for dt, end in ((100.0, 1e5), (1e6, 1e13))
+    ],
 }
 
 

@@ -11,7 +11,6 @@ from morphosim.cli.run_facts import listing, preset_text
 from morphosim.runs.directory import RunDirectory
 from morphosim.runs.writer import RunWriter
 from morphosim.scene import stability
-from morphosim.scene.ends import Duration
 from morphosim.scene.scene import Scene
 from morphosim.scene.tables import numerics_table, physics_in_file
 from morphosim.simulation.simulation import Simulation
@@ -53,7 +52,7 @@ def _stability(scene: Scene) -> str:
 
 def _course(simulation: Simulation) -> Iterator[tuple[str, str]]:
     scene = simulation.scene
-    dt, end = scene.numerics.dt, _latest(scene)
+    dt, end = scene.numerics.dt, scene.latest_end
     steps = max(scene.numerics.steps_to(end) - simulation.steps, 0)
     most = "at most " if scene.end is None else ""
     yield "steps", f"{most}{steps} of dt = {dt:g}, from t = {simulation.time:g} to {end:g}"
@@ -62,28 +61,20 @@ def _course(simulation: Simulation) -> Iterator[tuple[str, str]]:
         events = f"{', '.join(names)}; " if names else ""
         limit = "" if stage.limit is None else f", or after {stage.limit:g}"
         yield f"stage {number}", f"{stage.name}: {events}until {_end(stage.end)}{limit}"
-    yield from _output(simulation, end, most)
+    yield from _output(simulation, end, steps, most)
 
 
-def _output(simulation: Simulation, end: float, most: str) -> Iterator[tuple[str, str]]:
+def _output(simulation: Simulation, end: float, steps: int, most: str) -> Iterator[tuple[str, str]]:
     """Saves, disk and memory."""
     scene = simulation.scene
     due = np.floor(end / scene.save_every + 1e-9) - np.floor(simulation.time / scene.save_every)
-    count = max(int(due), 0) + 1 + len(scene.stages)
+    count = max(min(int(due), steps), 0) + 1 + len(scene.stages)
     save, state = _sizes(simulation)
-    yield "saves", f"{most or 'about '}{count}, every {scene.save_every:g}"
+    interval = max(scene.save_every, scene.numerics.dt)
+    yield "saves", f"{most or 'about '}{count}, every {interval:g}"
     yield "disk", f"about {_size(count * save + 2 * state)} ({_size(save)} a save)"
     memory = simulation.engine.nbytes
     yield "memory", f"{_size(memory)} at the start, besides Python and its libraries"
-
-
-def _latest(scene: Scene) -> float:
-    """*In silico* time at which a run ends, or does so at the latest."""
-    times = [s.end.time if isinstance(s.end, Duration) else s.limit for s in scene.stages]
-    known = [time for time in times if time is not None]
-    if not times or len(known) < len(times):
-        return scene.duration
-    return min(sum(known), scene.duration)
 
 
 def _end(end: object) -> str:

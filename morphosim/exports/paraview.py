@@ -5,7 +5,6 @@ the run in order, each with its name; a cell that is not there at that time is a
 `labels.pvd` lists the label images, `labels/0000.vti`. Times are *in silico* time, lengths µm.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +16,7 @@ import xarray as xr
 
 from morphosim.accessor import MorphoAccessor
 from morphosim.cell_field import CellField
+from morphosim.errors import warn
 from morphosim.measure.label_image import MOST_POINTS
 from morphosim.measure.surfaces import cell_surface
 from morphosim.progress import Tell
@@ -60,7 +60,7 @@ def _labels_fit(run: xr.Dataset, saves: Sequence[int]) -> bool:
             f"labels.pvd is not written: a label image would have {points:.2g} points, as the "
             "cells are far apart"
         )
-        warnings.warn(message, stacklevel=2)
+        warn(message)
     return bool(points <= MOST_POINTS)
 
 

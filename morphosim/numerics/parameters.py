@@ -16,6 +16,8 @@ TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
 WALLS = ("resolved", "stepped")
 MOST_SWEEPS, LARGEST_SEED = 1000, 2**64 - 1
+MOST_STEPS = 10**11
+"""Most steps of a run: at a thousand a second, three years."""
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
     "fast": {"solver": "band"},
@@ -155,6 +157,20 @@ class Numerics:
         """Number of threads to use: `threads`, or as many as this process can have."""
         return self.threads or automatic_threads()
 
-    def steps_to(self, time: float) -> int:
-        """Number of steps of δt that reach an *in silico* time."""
-        return int(np.ceil(time / self.dt - 1e-9))
+    def steps_to(self, time: float, what: str = "time") -> int:
+        """Number of steps of δt that reach an *in silico* time.
+
+        Raises
+        ------
+        ValueError
+            They are more than any computer takes; `what` names the time.
+        """
+        steps = np.ceil(time / self.dt - 1e-9)
+        if steps > MOST_STEPS:
+            message = (
+                f"{what} = {time:g} takes {steps:.3g} steps of numerics.dt = {self.dt:g}; at most "
+                f"{MOST_STEPS:g} are allowed (at a thousand a second, three years). Take a shorter "
+                "time, or a larger dt"
+            )
+            raise ValueError(message)
+        return int(steps)

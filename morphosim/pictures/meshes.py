@@ -1,6 +1,5 @@
 """Triangle meshes of cells and of the shell around them, which every picture is made of."""
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim._extras import need
 from morphosim.cell_field import CellField
+from morphosim.errors import warn
 from morphosim.measure.surfaces import cell_surface
 from morphosim.pictures.joining import joined, smoothed
 from morphosim.runs.saved_fields import load_fields, spacing, time_index, variable
@@ -197,5 +197,5 @@ def run_confinement(run: "xr.Dataset") -> "Confinement | CellMesh | None":
         mesh = read_shell(source)
         return said_as_data(text, source) if mesh is None else CellMesh(SHELL, "", *mesh)
     except (OSError, TypeError, ValueError) as error:
-        warnings.warn(f"the shell is not drawn: {error}", stacklevel=2)
+        warn(f"the shell is not drawn: {error}")
         return None

@@ -1,6 +1,5 @@
 """A simulation at the time of a save, and what is measured of it."""
 
-import warnings
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from operator import attrgetter
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
+from morphosim.errors import warn
 from morphosim.measure.aggregates import Aggregates
 from morphosim.measure.measurement import Measurement
 from morphosim.measure.motion import Positions, root_mean_square
@@ -204,7 +204,7 @@ class MeasuredState:
         except Exception as error:
             if not self.simulation.error:
                 raise
-            warnings.warn(f"the last save is without {declared.name}: {error}", stacklevel=2)
+            warn(f"the last save is without {declared.name}: {error}")
             return variable.absent(len(self.names))
 
     def _call(self, function: Measured[Any]) -> Any:

@@ -1,12 +1,11 @@
 """Opening runs."""
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from morphosim._files import guarded
-from morphosim.errors import DamageWarning
+from morphosim.errors import DamageWarning, warn
 from morphosim.runs.directory import RunDirectory
 from morphosim.runs.merge import LAZY, Save, check_complete, merged, with_coordinates
 from morphosim.runs.netcdf_variables import PACKED_PHI
@@ -132,4 +131,4 @@ def _in_order(saves: Sequence[Save]) -> list[Save]:
 
 
 def _leave_out(why: str) -> None:
-    warnings.warn(f"{why}; it is left out", DamageWarning, stacklevel=4)
+    warn(f"{why}; it is left out", DamageWarning)

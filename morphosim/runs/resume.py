@@ -1,7 +1,6 @@
 """Going on from a saved run: exactly, or with another scene."""
 
 import json
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from morphosim.cell_field import CellField
-from morphosim.errors import DamageWarning
+from morphosim.errors import DamageWarning, warn
 from morphosim.geometry.shapes import Field
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.directory import RunDirectory
@@ -93,7 +92,7 @@ def _last_state(files: RunDirectory, at: int, last: SaveFacts | None) -> Checkpo
             continue
         for fault in faults:
             message = f"{fault}; the run goes on from {files.restart(number).name}"
-            warnings.warn(message, DamageWarning, stacklevel=5)
+            warn(message, DamageWarning)
         return state
     if again is not None:
         return again

@@ -1,7 +1,6 @@
 """The shell of a run as a mesh, so that it is drawn without the code that its scene may name."""
 
 import logging
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing, toml_of
+from morphosim.errors import warn
 from morphosim.geometry.confinement import (
     CONFINEMENTS,
     BoxWalls,
@@ -101,7 +101,7 @@ def pack_shell(directory: Path, text: str, file: Any) -> None:
         if mesh is None and isinstance(walls := said_as_data(text, directory), MaskWalls):
             mesh = wall_surface(walls)
     except (OSError, TypeError, ValueError) as error:
-        warnings.warn(f"the packed run will have no shell: {error}", stacklevel=2)
+        warn(f"the packed run will have no shell: {error}")
         return
     if mesh is None:
         return

@@ -25,6 +25,8 @@ from morphosim.scene.scene import SAVE_FIELDS, Scene
 from morphosim.scene.stages import check_interval
 from morphosim.scene.term_tables import term_table
 
+LEAST_INTERVAL = 1e-3
+"""Of time between saves, in steps."""
 _log = logging.getLogger(__name__)
 
 
@@ -114,8 +116,9 @@ class RunWriter:
         ------
         ValueError
             The physics, now or in a later stage, have a term that no file can say: the run could
-            not go on from a save.
+            not go on from a save. Or saves are to be far closer together than steps.
         """
+        _check_interval(self.every, simulation.scene.numerics.dt)
         _check_terms(simulation)
         self._failed = False
         self._lock = self.files.locked()
@@ -301,6 +304,19 @@ class RunWriter:
             f"All {len(self.files.saves)} saves before are whole. {hint}"
         )
         return SaveError(message)
+
+
+def _check_interval(every: float, dt: float) -> None:
+    """Raise ValueError if saves are far closer together than steps, after which they are made.
+
+    A little closer is one save for each step: presets change δt.
+    """
+    if every < LEAST_INTERVAL * dt:
+        message = (
+            f"save_every = {every:g} is far shorter than a step of numerics.dt = {dt:g}, and saves "
+            f"are made after steps. Take at least {dt:g}"
+        )
+        raise ValueError(message)
 
 
 def _check_terms(simulation: Observed) -> None:

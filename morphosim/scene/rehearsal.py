@@ -196,7 +196,10 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
             with _validate.told_of(f"{where}: physics"):
                 rehearsal.change_physics(**stage.physics)
         _apply(rehearsal, stage.rules, f"{where}: rules")
-        every, steps = max(round(stage.rules_every / numerics.dt), 1), _most_steps(stage, numerics)
+        with _validate.told_of(where):
+            longest = stage.longest
+            steps = math.inf if math.isinf(longest) else numerics.steps_to(longest, "duration")
+        every = max(round(stage.rules_every / numerics.dt), 1)
         if every < steps and every <= numerics.steps_to(duration):
             again = f"{where}, as rules_every = {stage.rules_every:g} have passed: rules"
             _apply(rehearsal, stage.rules, again)
@@ -213,10 +216,3 @@ def _apply(rehearsal: Rehearsal, events: Sequence[Event], where: str) -> None:
                 rehearsal.surprise(event)
             else:
                 tell(rehearsal)
-
-
-def _most_steps(stage: Stage, numerics: Numerics) -> float:
-    """Steps after which a stage is over at the latest; infinite where nothing limits it."""
-    times = [stage.end.time] if isinstance(stage.end, Duration) else []
-    times += [] if stage.limit is None else [stage.limit]
-    return min(map(numerics.steps_to, times), default=math.inf)

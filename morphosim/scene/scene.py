@@ -18,7 +18,6 @@ from morphosim.scene.rehearsal import Rehearsal, rehearse
 from morphosim.scene.stages import Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
-MOST_STEPS = 1e15
 SAVE_FIELDS = ("packed", "exact", "none")
 
 
@@ -36,7 +35,7 @@ class Scene:
     duration : float
         *In silico* time at which a run ends.
     save_every : float
-        *In silico* time between two saves.
+        *In silico* time between two saves, which are made after steps: at most one for each.
     save_fields : {"packed", "exact", "none"}
         Fields in each save: to 6e-5 in two bytes per value, as they are (about six times as
         large), or none. Going on with a run needs none of them.
@@ -83,8 +82,8 @@ class Scene:
         _validate.text("scene.description", self.description)
         _validate.unique("cell name", self.names)
         _validate.number("scene.duration", self.duration, least=0)
-        self._check_steps()
         _validate.number("scene.save_every", self.save_every, above=0)
+        self.numerics.steps_to(self.duration, "scene.duration")
         _validate.choice("scene.save_fields", self.save_fields, SAVE_FIELDS)
         _validate.flag("scene.save_labels", self.save_labels)
         _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)
@@ -117,16 +116,6 @@ class Scene:
             "duration": f"{self.duration:g}, a save every {self.save_every:g}",
             "stages": _shown.listed([stage.name for stage in self.stages]),
         }
-
-    def _check_steps(self) -> None:
-        """Raise ValueError if no computer can take so many steps."""
-        steps = self.duration / self.numerics.dt
-        if steps > MOST_STEPS:
-            message = (
-                f"scene.duration = {self.duration:g} takes {steps:.3g} steps of numerics.dt = "
-                f"{self.numerics.dt:g}; at most {MOST_STEPS:g} are allowed"
-            )
-            raise ValueError(message)
 
     def rehearsed(self) -> Rehearsal:
         """What will be at the end of the stages, as far as can be told before the first step.
@@ -164,6 +153,12 @@ class Scene:
             return self.duration
         times = [s.end.time for s in self.stages if isinstance(s.end, Duration)]
         return min(sum(times), self.duration) if len(times) == len(self.stages) else None
+
+    @property
+    def latest_end(self) -> float:
+        """*In silico* time at which a run ends at the latest."""
+        times = [stage.longest for stage in self.stages]
+        return min(sum(times), self.duration) if times else self.duration
 
     @property
     def courses(self) -> list[Physics]:

@@ -1,4 +1,4 @@
-"""What is stable, told before the first step: where `Numerics` meets `Physics`.
+"""What is stable and right, told before the first step: where `Numerics` meets `Physics`.
 
 What a step takes explicitly relaxes φ at a rate f / τ: the walls (g_e φ_e²), other cells (g Σ φ²)
 and the double well (2γc at φ = 0 and 1), or the volume constraint (M' A / V, A the surface). Each
@@ -10,13 +10,19 @@ sign at every step and grows unless
 which follows from φⁿ⁺¹ = -φⁿ in Eq. 9 and 8 with the force -f φ and no diffusion. "euler" has no S;
 its diffusion is explicit too: δt < 2τ / (f + γ k²), k² the largest eigenvalue of -Δ (18.1 / h²).
 `benchmarks/stability.py` measures how well this holds, and the limits of what has no such theory.
+
+What is stable may be late. In Eq. 9 S multiplies φⁿ⁺¹ - 2φⁿ + φⁿ⁻¹ ≈ δt² φ'': an inertia, by which
+velocities follow forces with a lag of L = S δt²/τ. In Eq. 8 S multiplies φⁿ⁺¹ - φⁿ ≈ δt φ': a
+viscosity, which makes time run 1 + S δt/τ times slower. Of the way that a constant force makes in a
+time T, (1 - exp(-T/L)) L/T, or S δt / (τ + S δt), is missing at the end. What swings is off by
+exp(-T / 2L), which is less (`benchmarks/stability.py --lag`).
 """
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from morphosim.errors import warn
 from morphosim.geometry.phase_field import lattice_field, share_outside
 from morphosim.numerics.chebyshev import largest_eigenvalue
 from morphosim.physics.confinement_repulsion import is_resolved
@@ -49,6 +55,17 @@ They close in on cells from all sides. Measured, needed S less `least_S` of ball
 """
 SHARES = {"bdf2": 0.75, "imex1": 0.5}
 """S per rate f, by scheme."""
+MISSED = 0.15
+"""Share of what changes in a run that may be missing at its end with no warning: T > 6.6 L."""
+MOST_MISSED = {"bdf2": 0.9, "imex1": 0.99}
+"""Share from which on a run is refused, by scheme; "imex1" with a large S is a known stretch."""
+SHORT_LAG = 16.0
+"""Lag that is no matter however short the run is, in times τ/2γc in which an interface relaxes.
+
+The preset "draft" has 14. With it two cells of R = 4 µm are off by R / 40 at most.
+"""
+FAR = 4.0
+"""Least lag that a run is refused for, in those that are no matter: no preset comes so far."""
 GROWTH = 1.15
 """A cell whose target is more than this many times what it starts with grows into its walls."""
 
@@ -63,12 +80,23 @@ def check(scene: Scene) -> None:
     Raises
     ------
     ValueError
-        The lattice does not resolve the interface, and `numerics.allow_coarse` is not set.
+        See `refuse`.
 
     Warns
     -----
     StabilityWarning
-        A combination of physics and numerics is expected to diverge.
+        A combination of physics and numerics is expected to diverge, or to be late.
+    """
+    refuse(scene)
+    for concern in concerns(scene):
+        warn(concern, StabilityWarning)
+
+
+def refuse(scene: Scene) -> None:
+    """Raise ValueError if a run cannot be right.
+
+    The lattice does not resolve the interface, and `numerics.allow_coarse` is not set; or steps are
+    so long that next to nothing would have moved by the end.
     """
     physics, numerics = scene.physics, scene.numerics
     coarsest = COARSEST / (2 * physics.interface_scale)
@@ -79,13 +107,15 @@ def check(scene: Scene) -> None:
             "allowed. Take that, or numerics.allow_coarse = true"
         )
         raise ValueError(message)
-    for concern in concerns(scene):
-        warnings.warn(concern, StabilityWarning, stacklevel=4)
+    if is_late(scene, MOST_MISSED.get(numerics.scheme, 1.0), FAR):
+        raise ValueError(_late(scene))
 
 
 def concerns(scene: Scene) -> list[str]:
     """What is likely to go wrong, in words."""
-    found = (_euler_step(scene), _stabilisation(scene), *_concerns_of_terms(scene))
+    found = (
+        _euler_step(scene), _late(scene), _stabilisation(scene), *_concerns_of_terms(scene)
+    )  # fmt: skip
     return [text for text in found if text]
 
 
@@ -97,6 +127,33 @@ def _euler_step(scene: Scene) -> str:
         f"numerics.dt = {numerics.dt:g} is likely to diverge with scheme = 'euler': take at most "
         f"{limit:.2g}, or scheme = 'bdf2'"
     )
+
+
+def _late(scene: Scene) -> str:
+    numerics, tau = scene.numerics, _least_tau(scene)
+    if not is_late(scene):
+        return ""
+    what = f"so up to {100 * missed(scene):.0f} % of what changes would be missing at the end"
+    if numerics.scheme == "imex1":
+        slower, most = 1 + numerics.S * numerics.dt / tau, tau * MISSED / (1 - MISSED)
+        return (
+            f"numerics.dt = {numerics.dt:g} with S = {numerics.S:g} makes time run 1 + S δt/τ = "
+            f"{slower:.3g} times slower, {what}. Take scheme = 'bdf2', or dt times S of at most "
+            f"{_rounded(most, np.floor)}"
+        )
+    longest = np.sqrt(max(MISSED * scene.latest_end, short_lag(scene)) * tau / numerics.S)
+    return (
+        f"numerics.dt = {numerics.dt:g} is too long for a run of {scene.latest_end:g}: by S = "
+        f"{numerics.S:g} cells follow what pulls them S δt²/τ = {lag(scene):.3g} later, {what}. "
+        f"Take at most {_rounded(longest, np.floor)}, or a duration of "
+        f"{_rounded(lag(scene) / MISSED, np.ceil)}"
+    )
+
+
+def _rounded(value: float, to: Callable[[float], float]) -> str:
+    """A bound with two digits that is still one, rounded up or down."""
+    digit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return f"{to(value / digit) * digit:.4g}"
 
 
 def _stabilisation(scene: Scene) -> str:
@@ -212,6 +269,39 @@ def least_S(scene: Scene) -> float:
         for course in _courses(scene)
     ]
     return max(0.0, *needed)
+
+
+def lag(scene: Scene) -> float:
+    """*In silico* time by which "bdf2" lets velocities follow forces, S δt²/τ (see above)."""
+    numerics = scene.numerics
+    return numerics.S * numerics.dt**2 / _least_tau(scene)
+
+
+def missed(scene: Scene) -> float:
+    """Share of what changes in the run that may be missing at its end because of S, at most."""
+    numerics, end = scene.numerics, scene.latest_end
+    if end == 0 or numerics.S == 0 or numerics.scheme == "euler":
+        return 0.0
+    if numerics.scheme == "imex1":
+        return 1 - 1 / (1 + numerics.S * numerics.dt / _least_tau(scene))
+    lags = end / lag(scene)
+    return float(-np.expm1(-lags) / lags)
+
+
+def is_late(scene: Scene, share: float = MISSED, lags: float = 1.0) -> bool:
+    """Whether more than a share is missing, by a lag of more than so many that are no matter."""
+    slow = scene.numerics.scheme == "imex1"
+    return missed(scene) > share and (slow or lag(scene) > lags * short_lag(scene))
+
+
+def _least_tau(scene: Scene) -> float:
+    return min(physics.tau for physics in scene.courses)
+
+
+def short_lag(scene: Scene) -> float:
+    """Lag that is no matter however short the run is."""
+    rates = [2 * c.tensions.max() * p.c / p.tau for p, c in _courses(scene)]
+    return SHORT_LAG / float(max(rates))
 
 
 def stabilised(scene: Scene) -> Scene:

@@ -1,12 +1,13 @@
 """Stages of a protocol: what happens at a stage's start, and when it ends."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from morphosim import _validate
 from morphosim._shown import short_repr
-from morphosim.scene.ends import ENDS, End
+from morphosim.scene.ends import ENDS, Duration, End
 from morphosim.scene.events import Event
 from morphosim.scene.target import PhysicsValues, check_physics
 
@@ -75,6 +76,12 @@ class Stage:
             message = f"{where}: end = {_validate.brief(self.end)} is no end; take one of {known}"
             raise TypeError(f"{message}, or an object of your own with {', '.join(parts)}")
         _validate.function(f"{where}: end.reached", self.end.reached, 3)
+
+    @property
+    def longest(self) -> float:
+        """*In silico* time after which it is over at the latest; infinite where nothing says so."""
+        lasts = self.end.time if isinstance(self.end, Duration) else math.inf
+        return lasts if self.limit is None else min(lasts, self.limit)
 
     @property
     def daughters(self) -> list[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
+from morphosim.numerics.parameters import MOST_STEPS
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.identity import Identity
 from morphosim.scene import stability
@@ -250,7 +251,7 @@ class Simulation(State):
         CellVanishedError
             A cell is below 1/2 everywhere and `Scene.on_vanish` is "stop", or it was the last.
         """
-        _validate.integer("steps", steps, least=0)
+        _validate.integer("steps", steps, least=0, most=MOST_STEPS)
         with self.engine.limited_threads():
             for _ in range(steps):
                 self._step()
@@ -313,6 +314,8 @@ class Simulation(State):
         ------
         TypeError
             What is given is no observer.
+        ValueError
+            The time takes more steps than any computer; or what an observer finds before the first.
         DivergenceError, CellVanishedError
             See `step`.
         KeyboardInterrupt
@@ -320,6 +323,7 @@ class Simulation(State):
             simulation with it.
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
+        self.scene.numerics.steps_to(end, "until")
         watching = as_observers(observers)
         self.until, self.stopped = end, ""
         started: list[Observer[Simulation]] = []

@@ -15,6 +15,7 @@ from morphosim.progress import TellWhat, progress_line, silent
 from morphosim.provenance import processor, versions
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import Scene
+from morphosim.scene.stability import refuse
 from morphosim.sweeps.axes import SEED, Plan, make_plan
 from morphosim.sweeps.figures import Figure, make_figures
 from morphosim.sweeps.members import Task
@@ -159,7 +160,7 @@ def _checked(
     overrides: Mapping[str, Any],
     **choices: Any,
 ) -> _Setup:
-    """Plan whose every value a scene accepts; ValueError or TypeError names axis and value."""
+    """Plan whose every value a run accepts; ValueError or TypeError names axis and value."""
     _validate.instance("overrides", overrides, Mapping)
     random = isinstance(scene, str) and scene in RANDOM and not Path(scene).is_dir()
     base = scene if isinstance(scene, Scene) else find_scene(str(scene))
@@ -212,6 +213,7 @@ def _attempt(make: Callable[[], Scene], where: str) -> Scene:
     try:
         scene = make()
         scene.rehearsed()
+        refuse(scene)
     except (ValueError, TypeError) as error:
         message = f"{where}: {error}"
         raise type(error)(message) from error

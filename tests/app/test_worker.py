@@ -1,6 +1,7 @@
 """What runs for the page, and what it shows of runs, without a browser."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -111,6 +112,20 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_end(folder: Path, form: Setti
     whole.run(observers=[RunWriter(folder / "whole", 10)])
     with open_run(store.run("runs/pair")) as run:
         np.testing.assert_array_equal(run["volume"][-1], whole.volumes)
+
+
+def test_steps_too_long_for_the_run_are_told_before_it(folder: Path, form: Settings) -> None:
+    store = Store(folder)
+    for changes, told in (
+        ({"dt": "1000", "duration": "4000"}, "numerics.dt = 1000 is too long for a run of 4000"),
+        ({"duration": "1e30"}, "scene.duration = 1e+30 takes 5e+29 steps of numerics.dt = 2"),
+        ({"save_every": "1e-30"}, "save_every = 1e-30 is far shorter than a step"),
+    ):
+        channel = Commands()
+        with pytest.raises(ValueError, match=re.escape(told)):
+            worker.simulate(channel, replace(form, name="long", **changes), store)  # type: ignore[arg-type]
+        assert channel.told == []
+        assert not store.path("long").exists()
 
 
 def test_live_frames_say_what_the_saves_say(folder: Path) -> None:

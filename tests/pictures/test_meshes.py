@@ -159,8 +159,9 @@ def test_the_confinement_needs_nothing_else_of_the_scene(tmp_path: Path) -> None
     np.testing.assert_array_equal(found.semi_axes, shell.semi_axes)
     elsewhere = text.replace('kind = "ellipsoid"', 'kind = "function"\nfunction = "nowhere:walls"')
     assert elsewhere != text
-    with pytest.warns(UserWarning, match="the shell is not drawn: .* names code"):
+    with pytest.warns(UserWarning, match="the shell is not drawn: .* names code") as told:
         assert run_confinement(packed.assign_attrs(scene_toml=elsewhere)) is None
+    assert told[0].filename == __file__
 
 
 @pytest.mark.parametrize(("time", "error"), [("now", TypeError), (float("nan"), ValueError)])

@@ -181,8 +181,9 @@ def test_a_shell_that_is_no_mesh_is_not_drawn(
     np.savez(tmp_path / "run" / "shell.npz", **arrays)  # type: ignore[arg-type]
     with open_run(tmp_path / "run") as run, pytest.warns(UserWarning, match=r"shell\.npz"):
         assert run_confinement(run) is None
-    with pytest.warns(UserWarning, match=r"will have no shell: .*shell\.npz"):
+    with pytest.warns(UserWarning, match=r"will have no shell: .*shell\.npz") as told:
         pack(tmp_path / "run", tmp_path / "packed.nc")
+    assert told[0].filename == __file__
     with open_run(tmp_path / "packed.nc") as run, pytest.warns(UserWarning, match="names code"):
         assert run_confinement(run) is None
 

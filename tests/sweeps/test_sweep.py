@@ -75,6 +75,8 @@ def test_another_scan_is_refused(scan: Path) -> None:
     [
         ({"physics.gama": [1]}, {}, "axis 'physics.gama' = 1: key of physics"),
         ({"physics.gamma": [0.2, -1.0]}, {}, "axis 'physics.gamma' = -1.0"),
+        ({"numerics.dt": [2.0, 1e3]}, {}, "axis 'numerics.dt' = 1000.0: numerics.dt = 1000 is too"),
+        ({"duration": [20.0, 1e30]}, {}, "axis 'duration' = 1e+30: scene.duration = 1e+30 takes"),
         ({"numerics.dt": Range(low=-1, high=1)}, {"samples": 2}, "axis 'numerics.dt' = -"),
         ({"physics.gamma": [0.2]}, {"overrides": {"numerics.S": -1}}, "overrides: numerics.S"),
         ({"cell": [0.2]}, {}, "axis 'cell': a figure or a dimension"),

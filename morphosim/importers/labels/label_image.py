@@ -1,6 +1,5 @@
 """Label images of segmented cells, and the voxels of each cell."""
 
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
 from morphosim._shown import short_repr
+from morphosim.errors import warn
 
 MOST_LOOSE = 0.05
 """A label whose pieces beside the largest make up more than this share is refused."""
@@ -158,7 +158,7 @@ def _tell_of_background(values: NDArray[np.integer], dense: NDArray[np.integer])
         f"no voxel of the image is 0, the background: all of it is taken as {len(values) - 1} "
         "cells. If one of the labels is the background, give it as background"
     )
-    warnings.warn(message, SegmentationWarning, stacklevel=4)
+    warn(message, SegmentationWarning)
 
 
 def _piece(label: int, mask: NDArray[np.bool_], first: ArrayLike, shape: tuple[int, ...]) -> Piece:
@@ -198,7 +198,7 @@ def _in_one_piece(pieces: list[Piece], shape: tuple[int, ...]) -> list[Piece]:
         message = (
             f"voxels apart from the largest piece of their label are left out: {_counted(loose)}"
         )
-        warnings.warn(message, SegmentationWarning, stacklevel=4)
+        warn(message, SegmentationWarning)
     return largest
 
 
@@ -228,7 +228,7 @@ def _without_holes(pieces: list[Piece], dense: NDArray[np.integer]) -> list[Piec
     }
     if filled:
         message = f"holes within labels are filled, with voxels of 0: {_counted(filled)}"
-        warnings.warn(message, SegmentationWarning, stacklevel=4)
+        warn(message, SegmentationWarning)
     return full
 
 

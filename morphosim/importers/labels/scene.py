@@ -1,7 +1,6 @@
 """Scenes from segmented images: every label a cell, from where and how it was measured."""
 
 import math
-import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
+from morphosim.errors import warn
 from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.phase_field import ball_integral, least_volume
 from morphosim.geometry.shapes import Mask
@@ -291,7 +291,7 @@ def _warn_of_border(pieces: Sequence[Piece], about: Sequence[dict[str, Any]]) ->
             f"cells at the border of the image, which may cut them off: {', '.join(cut)}. Freeze "
             "them, so that they keep their shape, or take an image with a margin"
         )
-        warnings.warn(message, SegmentationWarning, stacklevel=3)
+        warn(message, SegmentationWarning)
 
 
 def _confinement(

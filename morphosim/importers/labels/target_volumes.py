@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from morphosim.errors import SimulationError
+from morphosim.errors import SimulationError, warn
 from morphosim.geometry.phase_field import ball_integral, radius_of
 from morphosim.importers.labels.label_image import SegmentationWarning
 from morphosim.measure.surfaces import cell_surface
@@ -72,7 +72,7 @@ def settled_targets(scene: Scene, enclosed: Mapping[str, float], tell: Tell = si
         targets = _settle(simulation, enclosed, tell)
     except SimulationError as error:
         message = f"cells may not keep their sizes: the scene fails while they settle: {error}"
-        warnings.warn(message, SegmentationWarning, stacklevel=3)
+        warn(message, SegmentationWarning)
         return scene
     return replace(scene, cells=[_with_target(cell, targets) for cell in scene.cells])
 
