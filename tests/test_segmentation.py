@@ -811,7 +811,7 @@ def test_presets_take_what_walls_of_an_image_need(walled: Path, preset: str) -> 
     chosen = Numerics.preset(preset, threads=1)
     assert replace(scene.numerics, S=6.0) == chosen
     assert scene.numerics.S >= least_S(scene) > 6
-    long = replace(scene, duration=600.0)
+    long = replace(scene, duration=1000.0)
     Simulation(long).step(40)  # would warn; with S = 6 it diverges at the fourth step
     given = {"numerics.preset": preset, "numerics.S": 7.0}
     assert load_scene(walled, given).numerics.S == 7

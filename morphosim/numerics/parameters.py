@@ -35,7 +35,7 @@ class Numerics:
     Attributes
     ----------
     dt : float
-        Time step δt, *in silico* time.
+        Time step δt, *in silico* time. S δt²/τ must be short for the run: see `stability.missed`.
     S : float
         Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
         "euler". See `stability.least_S`: walls that are not resolved need 12 to 16 at δt = 2.

@@ -98,7 +98,8 @@ class RunWriter:
     def of(
         cls, scene: Scene, directory: str | Path, resume: bool = False, overwrite: bool = False
     ) -> "RunWriter":
-        """Writer that saves when, and what, a scene says."""
+        """Writer that saves when, and what, a scene says; see `start` for what it refuses."""
+        _check_interval(scene.save_every, scene.numerics.dt)  # before there is a directory
         return cls(
             directory, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
             resume=resume, overwrite=overwrite,

@@ -71,7 +71,7 @@ GROWTH = 1.15
 
 
 class StabilityWarning(UserWarning):
-    """A scene is likely to diverge; the message says what to change."""
+    """A scene is likely to diverge, or to be late; the message says what to change."""
 
 
 def check(scene: Scene) -> None:

@@ -61,12 +61,13 @@ class Simulation(State):
     ------
     ValueError
         A cell starts outside of the confinement, or is too small for the lattice; or the lattice
-        does not resolve the interface (`stability.check`).
+        does not resolve the interface, or steps are too long for the run's duration
+        (`stability.check`).
 
     Warns
     -----
     StabilityWarning
-        Physics and numerics are expected to diverge; the message says what to change.
+        Physics and numerics are expected to diverge, or to be late; it says what to change.
 
     Examples
     --------
