@@ -120,7 +120,7 @@ def _cells() -> None:
                 html.Th("{{ cell.name }}", v_for="(cell, i) in cells", key="i")
         with html.Tbody(), html.Tr(v_for="(cell, j) in cells", key="j"):
             _cell("Name of cell ", "j + 1", "name", classes="name", disabled=("stages.length > 0",))
-            _cell("Type of ", "cell.name", "type", classes="name")
+            _cell("Type of ", "cell.name", "type", classes="type")
             _cell(
                 "Target volume of ", "cell.name", "volume", placeholder=("cell.own_volume",),
                 inputmode="decimal", classes="volume",
