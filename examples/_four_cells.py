@@ -43,7 +43,7 @@ def surface_areas(run: xr.Dataset) -> xr.DataArray:
 
 def voxel_areas(run: xr.Dataset) -> xr.DataArray:
     """The same as microscopy measures them: on voxels of 0.18 µm."""
-    found = voxel_contact_areas(load_fields(run), run.attrs["spacing_um"])
+    found = voxel_contact_areas(load_fields(run, -1), run.attrs["spacing_um"])
     return EXPERIMENT.copy(
         data=[found.get((a, b), found.get((b, a), 0.0)) for a, b in celegans_contact_areas()]
     )

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import xarray as xr
-from _four_cells import FOUR, differences, four_cells
+from _four_cells import EXPERIMENT, FOUR, four_cells, surface_areas
 from scipy.optimize import minimize_scalar
 
 from morphosim import Attraction, RunWriter, Scene, Simulation, open_run
@@ -23,27 +23,27 @@ SCAN = np.arange(16) / 10
 
 
 def areas(scene: Scene, sigma: float) -> xr.DataArray:
-    """Relative differences of the four areas to the experiment, with cells at rest."""
+    """The four areas, µm², with cells at rest."""
     simulation = Simulation(scene.with_physics(sigma=Attraction(default=sigma)))
     with TemporaryDirectory() as directory:
         simulation.run(observers=[RunWriter(directory, scene.save_every, fields="none")])
         with open_run(directory) as run:
-            return differences(run).sel(pair=FOUR)
+            return surface_areas(run).sel(pair=FOUR)
 
 
-def misfit(scene: Scene, target: xr.DataArray | float) -> tuple[Callable[[float], float], dict]:
+def misfit(scene: Scene, target: xr.DataArray) -> tuple[Callable[[float], float], dict]:
     """Mean difference of the areas to the target as a function of σ, and all its values so far."""
     known: dict[float, float] = {}
 
     def at(sigma: float) -> float:
-        known[sigma] = float(abs((1 + areas(scene, sigma)) / (1 + target) - 1).mean())
+        known[sigma] = float(abs(areas(scene, sigma) / target - 1).mean())
         print(f"  sigma = {sigma:.3f}: mean |difference| {100 * known[sigma]:.1f} %", flush=True)
         return known[sigma]
 
     return at, known
 
 
-def fitted(scene: Scene, target: xr.DataArray | float) -> tuple[float, int]:
+def fitted(scene: Scene, target: xr.DataArray) -> tuple[float, int]:
     """σ of the least misfit, and the number of runs that found it."""
     at, known = misfit(scene, target)
     minimize_scalar(at, bounds=(0, HIGHEST), method="bounded", options={"xatol": PRECISION})
@@ -53,7 +53,7 @@ def fitted(scene: Scene, target: xr.DataArray | float) -> tuple[float, int]:
 def main(run: str, sigma: str = "") -> None:
     """Fit, and tell the number of runs beside the scan's."""
     scene = four_cells(run)
-    target = areas(scene, float(sigma)) if sigma else 0.0  # no difference to the experiment
+    target = areas(scene, float(sigma)) if sigma else EXPERIMENT.sel(pair=FOUR)
     print(f"areas of {f'a simulation with sigma = {sigma}' if sigma else 'the experiment'}")
     best, runs = fitted(scene, target)
     print(f"sigma_S = {best:.2f} in {runs} runs; the scan takes {len(SCAN)}, to 0.1")

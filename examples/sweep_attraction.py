@@ -24,7 +24,7 @@ from _four_cells import (
 from morphosim import Axis, sweep
 
 STRONG = [0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5]
-WEAK = [0.0, 0.3, 0.6, 0.9, 1.2]
+WEAK = [0.0, 0.2, 0.4, 0.8]
 AREAS = {"surface": surface_areas, "voxels": voxel_areas}
 
 

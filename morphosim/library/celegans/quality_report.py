@@ -14,11 +14,12 @@ HEAD = """\
 Quality control of Supplementary Note 1, at the end of each stage.
 Contacts: {phi > 0.44}, dilated by one lattice step, overlap. Area of a contact: the part of the
 surface phi = 0.34 where the neighbour's phi is at least 0.2, mean of both sides. Areas in
-proportion are measured as microscopy does, on voxels of 0.18 um (boundary voxels x 1.2031), and
-compared with a line through the origin. The Note asks of areas that they are equal; that they are
-in proportion is asked here, as the authors' later simulation is. Experiment: areas are those of
-three embryos, contact maps combine simulations, nuclei and masks; both stand in for the paper's
-Fig. S1 (17 embryos), which is not available."""
+proportion: measured as microscopy does, on voxels of 0.18 um (boundary voxels x 1.2031), and
+compared with a line through the origin; r is the correlation. The Note asks for equal areas, and of
+four cells alone; proportion is asked here, which is what the authors' later simulation shows.
+Experiment: areas are of three embryos (of four cells the mean of two), contact maps combine
+simulations, nuclei and masks; both stand in for the paper's Fig. S1 (17 embryos), which is not
+available."""
 
 
 def report_text(criteria: Sequence[Criterion]) -> str:
