@@ -77,8 +77,7 @@ class Store:
             raise FileNotFoundError(message)
         for file in place.iterdir() if place.is_dir() else ():
             self.path(self.name(file))
-        if is_file(files.scene):
-            self.scene(self.name(files.scene))
+        self._check_files(_scene_table(files.scene), place)
         return place
 
     def scene(self, name: str) -> Path:
@@ -92,11 +91,18 @@ class Store:
             It is not TOML; or it, or a file of arrays that it names, is outside of the folder.
         """
         place = self.path(name)
-        for text in _texts(toml_table(place, "scene file")):
-            file = place.parent / text.partition(":")[0]
+        self._check_files(toml_table(place, "scene file"), place.parent)
+        return place
+
+    def _check_files(self, table: dict[str, Any], folder: Path) -> None:
+        """Raise ValueError if a scene in a folder names a file that is outside of the root.
+
+        Files of code are another matter, see `_import_path.refusing`.
+        """
+        for text in _texts(table):
+            file = folder / text.partition(":")[0]
             if file.suffix != ".py" and is_file(file):
                 self.path(str(file))
-        return place
 
     def new_scene(self, name: str) -> Path:
         """Path of a scene file to come; its ending ".toml" may be left out.
@@ -250,6 +256,14 @@ class Store:
             depth = len(Path(folder).relative_to(self.root).parts)
             inner[:] = sorted(n for n in inner if not n.startswith(".")) if depth < DEEPEST else []
             yield Path(folder), names
+
+
+def _scene_table(path: Path) -> dict[str, Any]:
+    """Table of the scene of a run; nothing if it is not there or damaged: then it names no file."""
+    try:
+        return toml_table(path, "scene file")
+    except (FileNotFoundError, ValueError):
+        return {}
 
 
 def _texts(value: Any) -> Iterator[str]:

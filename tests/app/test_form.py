@@ -392,6 +392,8 @@ def test_arrays_of_a_scene_lie_in_the_folder(tmp_path: Path) -> None:
     (root / "run" / "save-000000.nc").touch()
     with pytest.raises(ValueError, match="leads out of the folder"):
         Store(root).run("run")
+    (root / "run" / "scene.toml").write_text("damaged [")  # and yet the run can be looked at
+    assert Store(root).run("run") == root / "run"
 
 
 def test_a_scene_and_its_arrays_come_from_the_browser_together(tmp_path: Path) -> None:
@@ -486,6 +488,19 @@ def test_errors_of_images_are_those_of_the_importer(
     with pytest.raises((ValueError, TypeError), match=error) as caught:
         image(**changes).read(series)
     assert "\n" not in str(caught.value)
+
+
+def test_what_a_reader_warns_of_is_shown_before_the_run(series: Store) -> None:
+    labels = np.load(series.root / "series.npz")["labels"][0][16:]  # through a cell
+    np.save(series.root / "cut.npy", labels)
+    shown, state = filled(
+        series, source_kind="labels", image="cut.npy", voxel="0.5", background="9",
+        image_volumes="surface",
+    )  # fmt: skip
+    (text,) = state.form_warnings
+    assert text.startswith("cells at the border of the image, which may cut them off: cell3.")
+    assert state.cells[1]["own_volume"].startswith("≈ ")
+    assert shown.settings().source.settles
 
 
 # --- what may diverge --------------------------------------------------------------------------
