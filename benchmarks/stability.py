@@ -228,7 +228,7 @@ PARAMETERS = (
     Parameter("κ", physics(adhering, "kappa"), (0.0, 0.22, 1.0, 3.0, 30.0), 0.22, 100.0),
     Parameter("c", well, (0.5, 1.0, 4.0, 9.0, 18.0), 2.0, 100.0),
     Parameter("γ", physics(adhering, "gamma"), (0.25 / 16, 0.25 / 4, 1.0, 4.0), 0.25, 100.0),
-    Parameter("radius", sized, (2.5, 3.0, 10.0, 20.0), 4.0, 1.2, "µm"),
+    Parameter("radius", sized, (2.5, 3.0, 10.0, 20.0), 4.0, 1.5, "µm"),
     Parameter("start overlap", overlapping, (20.0, 40.0, 60.0, 80.0), 0.0, 90.0, "%"),
     Parameter("pressed into a corner", cornered, (10.0, 25.0, 40.0), 0.0, 45.0, "%"),
 )

@@ -86,9 +86,15 @@ def html_of(
 
 
 def table_of(head: Sequence[str], rows: Iterable[Sequence[str]], count: int) -> str:
-    """The first of `count` rows in HTML, and how many more there are; "" where there are none."""
+    """The first of `count` rows in HTML, and how many more there are; "" where there are none.
+
+    Columns in which they have nothing are left out.
+    """
+    first = list(islice(rows, MOST_ROWS))
+    said = [k for k in range(len(head)) if any(row[k] for row in first)]
+    shown = [[row[k] for k in said] for row in (head, *first)]
     more = [("…", f"and {count - MOST_ROWS} more")] if count > MOST_ROWS else []
-    return _table(head, [*islice(rows, MOST_ROWS), *more]) if count else ""
+    return _table(shown[0], [*shown[1:], *more]) if count else ""
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

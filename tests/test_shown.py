@@ -101,6 +101,10 @@ def test_a_simulation_says_where_it_is(count: int) -> None:
     for fact in ("'tissue'", "t = 6", "3 of δt = 2", f"{count}: c0", "sorting"):
         assert fact in text
         assert any(fact in part for part in Tags(page).texts)
+    texts = Tags(page).texts
+    assert f"{shown.volumes[0]:.4g}" in texts
+    assert "113.1" in texts
+    assert "type" not in texts  # no cell has one
     if count > 1:
         shown.remove(["c3"])
         assert "c3" in repr(shown).split("removed")[1]

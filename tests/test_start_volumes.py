@@ -1,6 +1,7 @@
 """Which volume a cell starts with: that of its target, or of its shape."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,9 @@ from morphosim import (
 )
 from morphosim.geometry.phase_field import lattice_field
 from morphosim.scene.cell import NEAR
+
+from .helpers import grid_around, on_grid
+from .reference import full_grid as fg
 
 BALL = 4 / 3 * np.pi * 4**3
 
@@ -98,3 +102,41 @@ def test_the_pair_of_the_readme_loses_only_what_its_surface_tension_presses_out(
         least = np.minimum(least, simulation.volumes / simulation.targets)
     assert least == pytest.approx(1 - pressed, abs=2e-3)
     assert simulation.volumes / simulation.targets == pytest.approx(1 - pressed, abs=1e-3)
+
+
+def deviation(cells: list[Cell], steps: int) -> tuple[float, float]:
+    """Largest difference of φ, and relative one of volumes, to the published scheme on the grid."""
+    numerics = Numerics.preset("published", precision="double", threads=1)
+    simulation = Simulation(Scene(cells=cells, physics=Physics(sigma=0.5), numerics=numerics))
+    low, shape = grid_around(simulation.engine, margin=2)
+    model = fg.Model(
+        h=0.5,
+        gamma=0.25,
+        g=1.6,
+        M=8.0,
+        sigma=0.5 * np.ones((2, 2)),
+        targets=simulation.targets,
+        gradient=6,
+    )
+    found: list[np.ndarray] = []
+    fg.run(
+        on_grid(simulation.engine, low, shape), model, 2.0, numerics.S, "bdf2", n_steps=steps,
+        on_step=lambda _, phi: found.append(phi),
+    )  # fmt: skip
+    simulation.step(steps)
+    phi = np.abs(on_grid(simulation.engine, low, shape) - found[-1]).max()
+    volume = np.abs(simulation.volumes / fg.volume(found[-1], 0.5) - 1).max()
+    return float(phi), float(volume)
+
+
+def test_the_error_against_the_full_grid_is_no_larger_than_from_balls_above_their_targets() -> None:
+    targets = [cell.target_volume(0) for cell in pair()]
+    above = [
+        replace(cell, shape=Field(phi=phi, origin=0.5 * origin), volume=target)
+        for cell, target, integral in zip(pair(), targets, (575.24, 309.39), strict=True)
+        for origin, phi in [lattice_field(cell.shape, "a", 1.0, 0.5, integral)]
+    ]
+    phi, volume = deviation(pair(), 2)
+    worse = deviation(above, 2)
+    assert phi < worse[0] < 4e-4
+    assert volume < worse[1] < 4e-5

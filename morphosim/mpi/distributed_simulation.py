@@ -5,6 +5,7 @@ from typing import cast
 
 import numpy as np
 
+from morphosim._shown import html_of
 from morphosim.engine.engine import Engine
 from morphosim.mpi.communicator import StoppedError, agreed, world
 from morphosim.mpi.distributed_engine import DistributedEngine
@@ -35,6 +36,9 @@ class DistributedSimulation(Simulation):
     --------
     >>> simulation = DistributedSimulation(scene)  # doctest: +SKIP
     """
+
+    def _repr_html_(self) -> str:  # without figures of cells, which all ranks would have to gather
+        return html_of(self._title(), self._facts())
 
     def _make_engine(self) -> Engine:
         """Engine of which this rank has a share; it has all that a simulation asks for."""

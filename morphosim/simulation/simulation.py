@@ -114,13 +114,13 @@ class Simulation(State):
         return _shown.text_of(self._title(), self._facts())
 
     def _repr_html_(self) -> str:
-        cells = self.cells
+        targets = self.engine.everyone["target"]  # of the last step; functions are not asked
         rows = (
-            (cell.name, cell.type, cell.parent, f"{cell.target_volume(self.time):.4g}")
-            for cell in cells
+            (cell.name, cell.type, cell.parent, f"{volume:.4g}", f"{target:.4g}")
+            for cell, volume, target in zip(self.cells, self.volumes, targets, strict=True)
         )
-        head = ("cell", "type", "mother", "V(t), µm³")
-        return _shown.html_of(self._title(), self._facts(), head, rows, len(cells))
+        head = ("cell", "type", "mother", "volume, µm³", "target, µm³")
+        return _shown.html_of(self._title(), self._facts(), head, rows, len(targets))
 
     def _title(self) -> str:
         return f"Simulation of {_shown.short(self.scene.name)} at t = {self.time:g}"

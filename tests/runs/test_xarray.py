@@ -229,6 +229,10 @@ def test_the_accessor_says_what_the_run_is(run: xr.Dataset) -> None:
         assert word in text
         assert f"<code>.{word}</code>" in page
     assert "3 of them at the end" in page
+    living = run["cell"].values[np.isfinite(run["volume"].values[-1])]
+    rows = [f'>{name}</td><td style="text-align: left">' for name in living]
+    assert len(rows) == page.count("</td></tr>") == sum(row in page for row in rows)
+    assert len(text) < 500
     hostile = run.assign_attrs(scene="<script>", error="a < b")
     assert "<script>" not in hostile.morpho._repr_html_()
     for part in (run.isel(time=0), run.isel(time=[]), run.sel(cell=["Z"]), xr.Dataset()):
