@@ -38,6 +38,10 @@ SOURCES = {
 }  # fmt: skip
 """Of each tab, what of a `Source` its controls say, and the states where they say it."""
 SOURCE_KEYS = sorted({"source_kind"}.union(*(keys.values() for keys in SOURCES.values())))
+FILLED = (
+    "cells", "sigma", "description", "stages", "has_shell", "duration", "save_every", "numerics",
+)  # fmt: skip
+"""Facts of a scene that the state has by the same names."""
 LISTS = {"built-in": "scene_name", "file": "scene_file"}
 """Tabs of one list, and its state: what is chosen there is read at once."""
 
@@ -109,6 +113,7 @@ class Form:
         """Show what the chosen tab says: a scene of a list is read at once, files when told."""
         with self._state as state:
             self._reading, state.reading, state.form_error = None, False, ""
+            state.form_warnings = []
             self.compare()
         kind = state.source_kind
         if kind in LISTS and state[LISTS[kind]] and not state.fits:
@@ -139,20 +144,12 @@ class Form:
         state = self._state
         names = [cell["name"] for cell in found["cells"]]
         self._types = [cell["type"] for cell in found["cells"]]
-        state.update(
-            {
-                **{key: found[key] for key in ("cells", "sigma", "description", "stages")},
-                **{key: found[key] for key in ("duration", "save_every", "numerics", "has_shell")},
-                "save_error": "",
-                "saved": [],
-                "own_gamma": found["gamma"],
-                "gamma": "",
-                "shell": found["has_shell"],
-                "loaded": found["name"],
-                "pair_from": names[0],
-                "pair_to": names[-1],
-            }
-        )
+        for key in FILLED:
+            state[key] = found[key]
+        state.loaded, state.shell = found["name"], found["has_shell"]
+        state.own_gamma, state.gamma = found["gamma"], ""
+        state.pair_from, state.pair_to = names[0], names[-1]
+        state.save_error, state.saved = "", []
         self._take_preset(OWN)
         self.propose_names()
 
@@ -164,7 +161,7 @@ class Form:
 
     def show_preset(self) -> None:
         """Show what the chosen preset means: nothing else is said of it then."""
-        self._take_preset(self._state.preset)
+        self._take_preset(self._state.preset or OWN)
 
     def _take_preset(self, name: str) -> None:
         state = self._state

@@ -249,6 +249,9 @@ def test_a_preset_shows_what_it_means_and_is_not_mixed_with_the_one_before(store
     state.update(S="20", walls="stepped", preset="draft")
     shown.show_preset()
     assert (state.dt, state.S, state.walls) == ("4", "", "")
+    state.preset = None  # as a list is that has been emptied
+    shown.show_preset()
+    assert state.preset == OWN
     (store.root / state.run_name).mkdir(parents=True)
     (store.root / state.run_name / "file").touch()
     shown.take_cure()
