@@ -17,6 +17,7 @@ from morphosim import (
     Duration,
     Numerics,
     Physics,
+    QuasiSteady,
     Scene,
     Simulation,
     Sphere,
@@ -29,6 +30,7 @@ from morphosim import (
 )
 from morphosim.numerics.parameters import PRESETS
 from morphosim.scene import stability
+from morphosim.scene.ends import End
 from morphosim.scene.stability import concerns, explicit_rates
 
 from .helpers import EXPECTED_TO_FAIL
@@ -230,6 +232,12 @@ def centroids_of(scene: Scene, until: float) -> np.ndarray:
     return simulation.centroids
 
 
+def staged(end: End, dt: float) -> Scene:
+    """The pair in two stages that end alike."""
+    stages = [Stage(name=name, end=end) for name in ("first", "second")]
+    return replace(pair(), stages=stages, duration=1e6).with_numerics(dt=dt)
+
+
 LONG = replace(pair(), duration=4000.0)
 
 
@@ -240,6 +248,7 @@ LONG = replace(pair(), duration=4000.0)
         (LONG.with_numerics(dt=2.0, S=1e6), ("numerics.dt = 2 ", "S = 1e+06", "0.039,")),
         (pair(tau=1e-6), ("numerics.dt = 2 ", "at most 0.0015", "duration of 1.6e+08")),
         (LONG.with_numerics(dt=1000.0, scheme="imex1"), ("numerics.dt = 1000 ", "slower")),
+        (staged(QuasiSteady(), dt=250.0), ("stages of about 419:", "Take at most 5.2")),
     ],
 )
 def test_steps_too_long_for_the_run_are_refused(scene: Scene, words: tuple[str, ...]) -> None:
@@ -259,6 +268,8 @@ def test_steps_too_long_for_the_run_are_refused(scene: Scene, words: tuple[str, 
         ),
         (pair().with_numerics(dt=8.0), ("a run of 100", "at most 4.2", "duration of 980")),
         (pair().with_numerics(scheme="imex1"), ("5.58 times slower", "scheme = 'bdf2'")),
+        (staged(Duration(500.0), dt=8.0), ("stages of 500 on average", ", or stages of 980")),
+        (staged(QuasiSteady(), dt=8.0), ("stages of about 419:", "Take at most 5.2")),
     ],
 )
 def test_steps_long_for_the_run_are_warned_of(scene: Scene, words: tuple[str, ...]) -> None:

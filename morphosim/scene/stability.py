@@ -66,6 +66,8 @@ The preset "draft" has 14. With it two cells of R = 4 µm are off by R / 40 at m
 """
 FAR = 4.0
 """Least lag that a run is refused for, in those that are no matter: no preset comes so far."""
+UNTOLD = 10.0
+"""Time that a stage is taken to last if only its cells end it, in lags that are no matter."""
 GROWTH = 1.15
 """A cell whose target is more than this many times what it starts with grows into its walls."""
 
@@ -141,12 +143,16 @@ def _late(scene: Scene) -> str:
             f"{slower:.3g} times slower, {what}. Take scheme = 'bdf2', or dt times S of at most "
             f"{_rounded(most, np.floor)}"
         )
-    longest = np.sqrt(max(MISSED * scene.latest_end, short_lag(scene)) * tau / numerics.S)
+    span, least = _span(scene), _rounded(lag(scene) / MISSED, np.ceil)
+    longest = np.sqrt(max(MISSED * span, short_lag(scene)) * tau / numerics.S)
+    short, enough = f"a run of {span:g}", f", or a duration of {least}"
+    if scene.stages:
+        short = f"stages of {span:.3g} on average" if scene.end else f"stages of about {span:.3g}"
+        enough = f", or stages of {least}" if scene.end else ""
     return (
-        f"numerics.dt = {numerics.dt:g} is too long for a run of {scene.latest_end:g}: by S = "
-        f"{numerics.S:g} cells follow what pulls them S δt²/τ = {lag(scene):.3g} later, {what}. "
-        f"Take at most {_rounded(longest, np.floor)}, or a duration of "
-        f"{_rounded(lag(scene) / MISSED, np.ceil)}"
+        f"numerics.dt = {numerics.dt:g} is too long for {short}: by S = {numerics.S:g} cells "
+        f"follow what pulls them S δt²/τ = {lag(scene):.3g} later, {what}. Take at most "
+        f"{_rounded(longest, np.floor)}{enough}"
     )
 
 
@@ -278,8 +284,8 @@ def lag(scene: Scene) -> float:
 
 
 def missed(scene: Scene) -> float:
-    """Share of what changes in the run that may be missing at its end because of S, at most."""
-    numerics, end = scene.numerics, scene.latest_end
+    """Share of what changes in the run, or a stage, that S may make it miss at its end, at most."""
+    numerics, end = scene.numerics, _span(scene)
     if end == 0 or numerics.S == 0 or numerics.scheme == "euler":
         return 0.0
     if numerics.scheme == "imex1":
@@ -292,6 +298,15 @@ def is_late(scene: Scene, share: float = MISSED, lags: float = 1.0) -> bool:
     """Whether more than a share is missing, by a lag of more than so many that are no matter."""
     slow = scene.numerics.scheme == "imex1"
     return missed(scene) > share and (slow or lag(scene) > lags * short_lag(scene))
+
+
+def _span(scene: Scene) -> float:
+    """*In silico* time of the run, or of its stages on average."""
+    if not scene.stages:
+        return scene.duration
+    if scene.end is None:
+        return min(scene.duration, UNTOLD * short_lag(scene))
+    return scene.end / len(scene.stages)
 
 
 def _least_tau(scene: Scene) -> float:
