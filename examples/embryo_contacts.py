@@ -13,7 +13,7 @@ from morphosim import ProgressBar, Simulation, built_in_scene, touching
 until = float(sys.argv[1]) if len(sys.argv) > 1 else 15000.0
 for name in ("celegans-8", "celegans-8-strong"):
     simulation = Simulation(built_in_scene(name))
-    simulation.run(until=until, observers=[ProgressBar(until)])
+    simulation.run(until=until, observers=[ProgressBar()])
     cells = simulation.names
     pairs = touching(simulation.fields)
     print(f"\n{name}, t = {simulation.time:g}: {len(pairs)} contacts")

@@ -28,7 +28,7 @@ def simulate(runs: Path, name: str) -> None:
     else:
         simulation = Simulation(scene)
     writer = RunWriter(runs / name, scene.save_every)
-    simulation.run(observers=[writer, ProgressBar(simulation.scene.duration)])
+    simulation.run(observers=[writer, ProgressBar()])
 
 
 def by_type(run: xr.Dataset, name: str, kind: str) -> xr.DataArray:

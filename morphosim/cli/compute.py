@@ -75,7 +75,7 @@ def scenes(
 @command()
 def run(
     scene: Annotated[
-        str | None, typer.Argument(help="built-in scene, scene file, or its directory")
+        str | None, typer.Argument(help="built-in scene (see scenes), scene file, or its directory")
     ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="directory of the run")

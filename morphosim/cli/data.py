@@ -28,7 +28,7 @@ def info(
 
 @command()
 def contacts(
-    directory: Annotated[Path, typer.Argument(help="directory of a run")],
+    directory: Annotated[Path, typer.Argument(help="directory or packed file of a run")],
     time: Annotated[float | None, typer.Option(help="nearest save; the last by default")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="machine-readable output")] = False,
 ) -> None:
@@ -59,7 +59,7 @@ def contacts(
 
 @command()
 def pack(
-    directory: Annotated[Path, typer.Argument(help="directory of a run")],
+    directory: Annotated[Path, typer.Argument(help="directory or packed file of a run")],
     file: Annotated[Path, typer.Argument(help="netCDF file to write")],
     overwrite: Overwrite = False,
 ) -> None:

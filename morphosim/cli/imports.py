@@ -113,7 +113,7 @@ def import_lineage(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="directory of the scene")],
     shell: Annotated[
-        tuple[float, float, float], typer.Option(help="semi-axes x y z of the eggshell, um")
+        tuple[float, float, float], typer.Option(help="semi-axes x y z of the shell around 0, um")
     ],
     cut: Annotated[
         float, typer.Option(help="half-width along z beyond which the shell is flat, um")

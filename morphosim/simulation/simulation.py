@@ -260,7 +260,7 @@ class Simulation(State):
     def stop(self, why: str) -> None:
         """End the run after the present step, as if its end were there; it can go on later.
 
-        For observers, events, conditions and force terms, and for other threads. All observers
+        For observers, events, rules and conditions, and for other threads. All observers
         finish, so that a `RunWriter` saves the state, with the reason. Where no run is under way
         it does nothing: the next begins with `stopped` empty.
 
