@@ -58,7 +58,7 @@ STATE = {
     "gamma": "", "own_gamma": "", "numerics": {OWN: {"dt": "", "S": "", "walls": "", "text": ""}},
     "preset": OWN, "presets": list(PRESET_NAMES), "shell": True,
     "run_name": "runs/test", "form_error": "", "form_warnings": [], "reading": False,
-    "fits": False,
+    "fits": "",
     "most_in_table": MOST_IN_TABLE,
     "save_name": "", "saving": False, "save_error": "", "saved": [],
 }  # fmt: skip
@@ -106,8 +106,9 @@ class Form:
         return Source(kind=kind, **said)
 
     def compare(self) -> None:
-        """Find out whether the form holds what the chosen tab says; it is shown only then."""
-        self._state.fits = self.chosen() == self._source
+        """Find out of which tab the form is: it holds what its controls say, and is shown there."""
+        chosen = self.chosen()
+        self._state.fits = chosen.kind if chosen == self._source else ""
 
     async def choose_kind(self) -> None:
         """Show what the chosen tab says: a scene of a list is read at once, files when told."""

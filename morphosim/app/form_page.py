@@ -9,6 +9,8 @@ from trame.widgets import vuetify3 as v3
 from morphosim.app.form import FILES, Form
 from morphosim.app.widgets import Background, alert, alerts, choice, entry, field, upload
 
+FITS = "fits === source_kind"
+"""Whether the form holds what the chosen tab says."""
 MATRIX = "cells.length > 1 && cells.length <= most_in_table"
 PAIR_VALUE = (
     "(sigma[cells.findIndex(c => c.name === pair_from)] ?? [])"
@@ -62,9 +64,9 @@ def source(form: Form, background: Background) -> None:
     alerts("form_warnings", "warning", "each")
     html.P(
         "The cells are shown when the files are read.",
-        v_if=("source_kind !== 'built-in' && !fits && !reading",), classes="note",
+        v_if=(f"source_kind !== 'built-in' && !({FITS}) && !reading",), classes="note",
     )  # fmt: skip
-    html.P("{{ description }}", v_if=("description && fits",), classes="note")
+    html.P("{{ description }}", v_if=(f"description && {FITS}",), classes="note")
 
 
 def _file(

@@ -10,7 +10,9 @@ from morphosim.app.routes import VIEWER
 from morphosim.app.upper import Upper
 from morphosim.app.widgets import Background, alert, alerts, field
 
-SHOWN = "cells.length && (fits || (reading && ['built-in', 'file'].includes(source_kind)))"
+SHOWN = (
+    f"cells.length && ({form_page.FITS} || (reading && ['built-in', 'file'].includes(source_kind)))"
+)
 """Whether the form is shown: what it holds is of the chosen tab, or about to be."""
 IDLE = "status === 'idle'"
 

@@ -18,12 +18,22 @@ def field(label: str, name: str, **options: Any) -> None:
     )  # fmt: skip
 
 
-def choice(label: str, name: str, items: str, **options: Any) -> None:
-    """Choice of a value of the state out of `items`, with search."""
-    v3.VAutocomplete(
+KEEPS = '@keydown.delete.capture="$event.target.value || $event.stopImmediatePropagation()"'
+"""Of a list: keys that delete change what is searched for, but do not empty the choice."""
+
+
+def choice(label: str, name: str, items: str, clearable: bool = False, **options: Any) -> None:
+    """Choice of a value of the state out of `items`, with search; of none, if it is `clearable`.
+
+    The chosen one is shown by a slot, and so also when it is another page that chooses.
+    """
+    shown = v3.VAutocomplete(
         v_model=(name,), items=(items,), label=label, density="compact", variant="outlined",
-        hide_details=True, **options,
+        hide_details=True, persistent_placeholder=True, clearable=clearable,
+        raw_attrs=[] if clearable else [KEEPS], **options,
     )  # fmt: skip
+    with shown, html.Template(v_slot_selection="{ item }"):
+        html.Span("{{ item.title ?? item }}", classes="v-autocomplete__selection-text")
 
 
 def plain_input(**options: Any) -> None:

@@ -1,6 +1,5 @@
 """Every control of the form in a real browser, by its effect: what is read, run and saved."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,22 +7,12 @@ import numpy as np
 import pytest
 
 from morphosim import Attraction, Cell, Mask, Physics, Scene, Sphere, load_scene, save_scene
-from tests.app.application import choose, served, state, wait
-from tests.pictures.browser import chromium, reason_for_none
+from tests.app.application import NARROW, WIDE, choose, clear, state, uses, wait
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Page
 
-pytest.importorskip("trame_vuetify", reason="trame is not installed")
-pytestmark = pytest.mark.skipif(bool(reason_for_none()), reason=reason_for_none())
-WIDTHS = [1500, 420]
 CODE = '[[physics.terms]]\nuse = "own.py:Own"\n'
-
-
-@pytest.fixture(scope="module")
-def browser() -> "Iterator[Browser]":
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
@@ -51,25 +40,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    with served(folder) as found:
-        yield found
-
-
-@pytest.fixture(params=WIDTHS)
-def page(browser: "Browser", address: str, request: pytest.FixtureRequest) -> "Iterator[Page]":
-    found = browser.new_page(viewport={"width": request.param, "height": 1000})
-    faults: list[str] = []
-    found.on("pageerror", lambda error: faults.append(str(error)))
-    found.goto(address)
-    wait(found, "!state.reading")
-    yield found
-    assert found.evaluate("document.scrollingElement.scrollWidth") <= request.param
-    found.close()
-    assert not faults
-
-
 def fill(page: "Page", **entries: str) -> None:
     """Type into fields, by their labels."""
     for label, entry in entries.items():
@@ -92,6 +62,11 @@ def saved(page: "Page", folder: Path, name: str) -> Scene:
     return load_scene(folder / f"{name}.toml")
 
 
+@pytest.mark.parametrize("page", [WIDE, NARROW], ids=["wide", "narrow"], indirect=True)
+@uses(
+    "Scene file", "Type of .+", "Target volume of .+", "Surface tension of .+", "Surface tension γ"
+)
+@uses("S", "Preset", "Walls", "Scene file to write", "Save scene", "Download")
 def test_values_that_are_typed_are_those_of_the_scene(page: "Page", folder: Path) -> None:
     width = page.viewport_size["width"]
     page.get_by_role("button", name="Scene file", exact=True).click()
@@ -128,6 +103,7 @@ def test_values_that_are_typed_are_those_of_the_scene(page: "Page", folder: Path
     assert state(page, "save_error") == "cell 'left': volume = 'much' is not a number"
 
 
+@uses("Upload scene_file", "Clear Scene file")
 def test_a_scene_is_sent_with_its_arrays_but_without_code(page: "Page", folder: Path) -> None:
     page.get_by_role("button", name="Scene file", exact=True).click()
     upload = page.locator("input[type=file][data-uploads=scene_file]")
@@ -143,8 +119,13 @@ def test_a_scene_is_sent_with_its_arrays_but_without_code(page: "Page", folder: 
     error.filter(has_text="morphosim app --allow-code").wait_for()
     assert not list(folder.glob("**/was-run"))
     assert not Path("was-run").exists()
+    choose(page, "Scene file (", "pair.toml")
+    page.locator(".cells").wait_for()
+    clear(page, "Scene file")
+    page.locator(".cells").wait_for(state="detached")
 
 
+@uses("Time index, from 0", "Target volumes", "Axes, as tzyx", "Frozen: names or labels")
 def test_a_time_of_a_label_image_is_chosen(page: "Page") -> None:
     page.get_by_role("button", name="Label image", exact=True).click()
     choose(page, "Label image", "series.npy")
@@ -185,7 +166,7 @@ def test_what_is_being_typed_stays_when_the_page_is_drawn_anew(page: "Page") -> 
         page.evaluate("() => window.trame.state.set('loaded', 'pair')")
 
 
-@pytest.mark.parametrize("page", WIDTHS[:1], indirect=True)
+@uses("Take standard")
 def test_what_a_preset_may_do_wrong_is_said_in_the_report(page: "Page") -> None:
     page.get_by_role("button", name="Built-in scene").click()
     choose(page, "Scene", "celegans-8-strong")
