@@ -5,6 +5,7 @@ So areas on voxels, which are of fields, are taken to be those of the surfaces.
 """
 
 import json
+import runpy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from morphosim import (
     Simulation,
     Sphere,
     Stage,
+    load_fields,
     open_run,
     voxel_contact_areas,
 )
@@ -312,22 +314,57 @@ def test_a_line_through_the_origin() -> None:
     assert np.isnan(proportion({"a": 0.0}, {"a": 1.0}).off["a"])
 
 
+@pytest.fixture(scope="module")
+def four_balls(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of four balls, all but ABa and P2 in contact."""
+    places = {"ABa": (-5, 0, 0), "ABp": (0, 3.6, 0), "EMS": (0, -3.6, 0), "P2": (5, 0, 0)}
+    cells = [Cell(name=n, shape=Sphere(center=p, radius=4.0)) for n, p in places.items()]
+    stage = Stage(name="4-cell", end=Duration(4))
+    simulation = Simulation(Scene(cells=cells, stages=[stage], duration=10.0, save_every=4.0))
+    folder = tmp_path_factory.mktemp("balls")
+    simulation.run(observers=[RunWriter(folder, every=4.0)])
+    return folder
+
+
 def test_areas_in_proportion_are_measured_on_voxels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    four_balls: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(StageEnd, "voxel_area", of_fields)
-    cells = [
-        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=4.0))
-        for name, x in (("AB", -3.8), ("P1", 3.8))
-    ]
-    stage = Stage(name="2-cell", end=Duration(4))
-    simulation = Simulation(Scene(cells=cells, stages=[stage], duration=10.0, save_every=4.0))
-    simulation.run(observers=[RunWriter(tmp_path, every=4.0)])
-    with open_run(tmp_path) as run:
-        end = StageEnd(run, np.flatnonzero(run["stage"].values == "2-cell"))
-        found = voxel_contact_areas(simulation.fields, simulation.scene.numerics.spacing)
-        assert end.voxel_area(("P1", "AB")) == found["AB", "P1"] > 10
-        assert end.voxel_area(("AB", "EMS")) == 0
+    with open_run(four_balls) as run:
+        (five,) = [c for c in quality_control(run) if c.text == "4-cell: five areas in proportion"]
+        areas = voxel_contact_areas(load_fields(run, -1), run.attrs["spacing_um"])
+        end = StageEnd(run, np.flatnonzero(run["stage"].values == "4-cell"))
+    found = {"-".join(pair): area for pair, area in areas.items()}
+    wanted = {"-".join(pair): area for pair, area in celegans_contact_areas().items()}
+    line = proportion(found, wanted)
+    assert 0.05 < line.slope < 0.5
+    assert five.values == pytest.approx(
+        dict(line.off) | {
+            "slope": line.slope, "correlation": line.correlation,
+            "mean_difference": np.mean([1 - found[pair] / wanted[pair] for pair in wanted]),
+        }
+    )  # fmt: skip
+    assert end.voxel_area(("P2", "EMS")) == found["EMS-P2"]
+    assert end.voxel_area(("ABa", "P2")) == 0
+
+
+def test_the_example_measures_what_the_criteria_measure(four_balls: Path) -> None:
+    example = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "_four_cells.py"))
+    with open_run(four_balls) as run:
+        voxels, surface = example["voxel_areas"](run), example["surface_areas"](run)
+        end = StageEnd(run, np.flatnonzero(run["stage"].values == "4-cell"))
+        assert surface.values.tolist() == [end.area(pair) for pair in FIVE_PAIRS]
+        assert voxels.values.tolist() == [of_fields(end, pair) for pair in FIVE_PAIRS]
+        differences = list(end.differences().values())
+    names = surface["pair"].values.tolist()
+    assert names == ["-".join(pair) for pair in FIVE_PAIRS]
+    found = dict(zip(names, surface.values.tolist(), strict=True))
+    wanted = {"-".join(pair): area for pair, area in celegans_contact_areas().items()}
+    line, table = proportion(found, wanted), example["proportion"](surface)
+    assert float(table["slope"]) == pytest.approx(line.slope)
+    assert float(table["correlation"]) == pytest.approx(line.correlation)
+    assert float(table["difference"]) == pytest.approx(np.mean(np.abs(list(line.off.values()))))
+    assert float(example["mean_difference"](surface)) == pytest.approx(np.mean(np.abs(differences)))
 
 
 def test_distance_from_a_plane() -> None:
