@@ -81,6 +81,13 @@ NOT_HERE = {
 }
 """Commands that are not run, by how they begin, and why."""
 
+NEEDS = {
+    r"morphosim (plot|film|show)\b": "pictures", r"morphosim app\b": "app",
+    r"morphosim export .* --to vtk": "vtk", r"morphosim sweep\b": "sweep", r".* --mpi\b": "mpi",
+    r"morphosim import-\w+ .*\.xlsx?\b": "matlab",
+}  # fmt: skip
+"""Commands that take more than `pip install .`, and the extra that brings it."""
+
 OTHERS_OPTIONS = {
     "--dist": "pytest-xdist", "--hypothesis-profile": "hypothesis", "--all-files": "pre-commit",
     "--nthreads": "dask worker", "--nworkers": "dask worker",

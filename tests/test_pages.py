@@ -32,6 +32,7 @@ from morphosim.runs.measured_state import MEASURED
 
 from .documented import (
     INSTEAD,
+    NEEDS,
     NOT_HERE,
     OTHERS_OPTIONS,
     PAGES,
@@ -47,6 +48,7 @@ from .documented import (
 
 HISTORY = "docs/changelog.md"
 """Names what was once; it is not a page to follow."""
+GUIDES = [path for path in PAGES if not HISTORY.endswith(path.name)]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
     "optional-dependencies"
 ]
@@ -273,6 +275,36 @@ def test_what_is_done_instead_stands_on_a_page() -> None:
             assert any(each.page == page and old in each.text for each in found), old
 
 
+def brought_by(extra: str) -> set[str]:
+    """An extra, and those that it includes."""
+    inner = [re.fullmatch(r"morphosim\[(.*)\]", need) for need in EXTRAS[extra]]
+    names = [name for found in inner if found for name in found[1].split(",")]
+    return {extra}.union(*map(brought_by, names))
+
+
+@pytest.mark.parametrize("path", GUIDES, ids=lambda path: path.name)
+def test_a_page_says_what_to_install_for_its_commands(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    parts = re.split(r"^(?=## )", text, flags=re.MULTILINE)
+    ends = np.cumsum([part.count("\n") for part in parts]) + 1  # first lines of what follows
+    named = [
+        (text.count("\n", 0, found.start()), extra)
+        for found in re.finditer(r"pip install '\.\[(.*?)\]'", text)
+        for extra in brought_by(found[1])
+    ]
+    for each in shown(path):
+        section = ends[np.searchsorted(ends, each.line, side="right")]
+        before = {extra for line, extra in named if line < section}
+        lacking = [extra for what, extra in NEEDS.items() if re.match(what, each.text)]
+        assert before.issuperset(lacking), f"{each.where}: {each.text} needs {lacking}"
+
+
+def test_the_readme_names_every_extra() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    extras = text[text.index("**Extras**") : text.index("**A bare machine**")]
+    assert set(re.findall(r"`(\w+)`", extras)) == set(EXTRAS)
+
+
 def options_of_commands() -> set[str]:
     group = typer.main.get_command(app)
     commands = [group, *group.commands.values()]
@@ -289,9 +321,7 @@ def test_options_that_a_page_names_exist(path: Path) -> None:
         assert re.search(rf'"{option}"|\b{name}=', scripts), option
 
 
-@pytest.mark.parametrize(
-    "path", [path for path in PAGES if not HISTORY.endswith(path.name)], ids=lambda path: path.name
-)
+@pytest.mark.parametrize("path", GUIDES, ids=lambda path: path.name)
 def test_names_that_a_page_uses_exist(path: Path) -> None:
     for owner, name in names_shown(path):
         known = MorphoAccessor if owner == "run.morpho" else getattr(morphosim, owner, None)
