@@ -284,7 +284,7 @@ def brought_by(extra: str) -> set[str]:
 
 @pytest.mark.parametrize("path", GUIDES, ids=lambda path: path.name)
 def test_a_page_says_what_to_install_for_its_commands(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8") + "\n"
     parts = re.split(r"^(?=## )", text, flags=re.MULTILINE)
     ends = np.cumsum([part.count("\n") for part in parts]) + 1  # first lines of what follows
     named = [
