@@ -89,7 +89,7 @@ def picture(tab: "Tab") -> NDArray[np.uint8]:
     from imageio.v3 import imread
 
     settled(tab)
-    tab.add_style_tag(content="#labels, #legend, #axes, #cut-bar { opacity: 0 }")
+    tab.add_style_tag(content="#labels, #legend, #axes, #scale, #cut-bar { opacity: 0 }")
     shot = tab.locator("#canvas").screenshot()
     return np.asarray(imread(io.BytesIO(shot))[..., :3])
 
@@ -299,6 +299,61 @@ def test_of_two_runs_at_once_the_last_is_shown(tab: "Tab", data: dict[str, Any])
     tab.evaluate(script, [other, {**data, "title": "last"}])
     assert changed(alone, picture(tab)) < 0.001
     assert tab.inner_text("#title") == "last"
+
+
+def bar(tab: "Tab") -> tuple[float, float]:
+    """Length of the scale bar in µm and in pixels."""
+    settled(tab)
+    box = tab.locator("#scale i").bounding_box()
+    assert box is not None
+    length, unit, depth = tab.inner_text("#scale").split()
+    assert (unit, depth) == ("µm,", "mid-depth")
+    return float(length), box["width"]
+
+
+def test_the_scale_bar_is_true_at_mid_depth_however_the_view_is_zoomed_and_turned(
+    tab: "Tab",
+) -> None:
+    apart = FIRST["high"].center[0] - FIRST["low"].center[0]  # both at mid-depth along z
+    bars = []
+    for zoom in (0, -400, 900):
+        tab.get_by_label("Look along z").dispatch_event("click")
+        tab.mouse.move(300, 300)
+        tab.mouse.wheel(0, zoom)
+        seen = abs(middle(tab, "high")[0] - middle(tab, "low")[0])
+        bars.append(bar(tab))
+        assert bars[-1][1] / bars[-1][0] == pytest.approx(seen / apart, rel=0.05)
+        assert 30 < bars[-1][1] < 0.25 * (WIDTH - 290) + 1
+    assert len({length for length, _ in bars}) > 1
+    tab.mouse.down()
+    tab.mouse.move(450, 380, steps=4)
+    tab.mouse.up()
+    assert bar(tab) == pytest.approx(bars[-1])
+
+
+def test_a_legend_of_many_types_is_all_in_view(browser: "Browser", tmp_path: Path) -> None:
+    name = "a type of a long name, number {:02d}"
+    balls = {
+        f"c{k}": Ball((6.0 * (k % 6), 6.0 * (k // 6), 5.0), 2.0, name.format(k)) for k in range(30)
+    }
+    save_page(made_run([balls]), tmp_path / "view.html", triangles=50)
+    for width, height in ((WIDTH, HEIGHT), (1500, 900), (420, 800)):
+        tab = browser.new_page(viewport={"width": width, "height": height})
+        tab.goto((tmp_path / "view.html").as_uri())
+        tab.wait_for_selector("#notice", state="hidden")
+        tab.select_option("#by", "type")
+        view = tab.locator("#view").bounding_box()
+        assert view is not None
+        rows = tab.locator("#legend li")
+        texts = rows.all_inner_texts()
+        assert len(set(texts)) == 30
+        assert all(text.endswith(f"{k:02d}") for k, text in enumerate(texts))
+        boxes = [rows.nth(k).bounding_box() for k in range(30)]
+        for box in filter(None, boxes):
+            assert view["x"] <= box["x"]
+            assert box["x"] + box["width"] <= view["x"] + view["width"]
+            assert box["y"] + box["height"] <= view["y"] + view["height"] - 90  # above the axes
+        tab.close()
 
 
 def test_picture_is_a_png(tab: "Tab") -> None:

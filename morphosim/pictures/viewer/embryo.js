@@ -163,6 +163,12 @@ export class Embryo {
     return sphere * Math.max(0.74 / Math.sin(half), 0.9 / Math.sin(across));
   }
 
+  // µm from the upper to the lower rim of the picture, as far away as the point it turns around.
+  micrometres() {
+    const depth = this.camera.position.distanceTo(this.controls.target);
+    return 2 * depth * Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
+  }
+
   // Look at everything, from a direction in the page's coordinates.
   look(from = VIEW_FROM) {
     this.stop();

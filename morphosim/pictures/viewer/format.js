@@ -43,6 +43,13 @@ export function byId(id) {
   return document.getElementById(id);
 }
 
+// At most so many letters; names often differ in the last ones, so that the middle is left out.
+export function letters(text, most) {
+  if (text.length <= most) return text;
+  const ahead = Math.floor((most - 1) / 2);
+  return `${text.slice(0, ahead)}…${text.slice(ahead + 1 - most)}`;
+}
+
 export function capital(text) {
   return text.charAt(0).toUpperCase() + text.slice(1);
 }

@@ -1,6 +1,8 @@
 // What the colours mean: entries, or a colour bar.
 
-import { capital, element } from "./format.js";
+import { capital, element, letters } from "./format.js";
+
+export const LETTERS = 22; // of an entry
 
 export function drawLegend(box, way, entries) {
   const parts = way.scale ? bar(way.scale) : list(entries);
@@ -10,7 +12,7 @@ export function drawLegend(box, way, entries) {
 function list(entries) {
   if (!entries.length) return [];
   const rows = entries.map(([text, colour]) =>
-    element("li", {}, element("span", { class: "swatch", style: `background:${colour}` }), text),
+    element("li", {}, element("span", { class: "swatch", style: `background:${colour}` }), element("span", {}, letters(text, LETTERS))),
   );
   return [element("ul", {}, ...rows)];
 }

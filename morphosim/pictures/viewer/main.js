@@ -13,6 +13,7 @@ import { Labels } from "./labels.js";
 import { drawLegend } from "./legend.js";
 import { listen, tell } from "./messages.js";
 import { savePicture } from "./picture.js";
+import { ScaleBar } from "./scalebar.js";
 import { Timeline } from "./timeline.js";
 import { Unpacked, unpack } from "./unpack.js";
 
@@ -34,6 +35,7 @@ class Viewer {
     this.ids = new Ids(this.embryo, this.cut);
     this.labels = new Labels(byId("labels"), this.embryo, this.ids);
     this.axes = new Axes(byId("axes"), this.embryo);
+    this.bar = new ScaleBar(byId("scale"), this.embryo);
     this.timeline = new Timeline((index) => this.go(index, true));
     this.list = new CellList({
       show: (names, visible) => this.setVisible(names, visible),
@@ -217,6 +219,7 @@ class Viewer {
   draw() {
     this.embryo.draw();
     this.axes.draw();
+    this.bar.draw(this.width, this.height);
   }
 
   tick(now) {
@@ -245,7 +248,7 @@ class Viewer {
         this.draw();
         this.dirty = true;
       },
-      labels: this.labels.anchors, back: colour("--back"), ink: colour("--ink"),
+      labels: this.labels.anchors, bar: this.bar, back: colour("--back"), ink: colour("--ink"),
       title: this.data.title, when: whenText(this.frame),
       way: this.completed(this.colours.coloured(this.by)),
       entries: this.colours.legend(this.by, this.frame),

@@ -1,10 +1,13 @@
 // A PNG of the view: cells, names, time, legend.
 
-import { capital } from "./format.js";
+import { capital, letters } from "./format.js";
+import { LETTERS } from "./legend.js";
 
 const MARGIN = 14;
+const [ROW, COLUMN] = [18, 170]; // of the legend, pixels
+const BELOW = 110; // pixels that it leaves free, with its heading
 
-// `view` has canvas, width, height (CSS pixels), draw(ratio), labels, back, ink, title, when, way,
+// `view` has canvas, width, height (CSS pixels), draw(ratio), labels, bar, back, ink, title, when, way,
 // entries.
 export async function savePicture(view, name) {
   const ratio = Math.max(2, window.devicePixelRatio);
@@ -18,6 +21,7 @@ export async function savePicture(view, name) {
   pen.drawImage(view.canvas, 0, 0, view.width, view.height);
   drawNames(pen, view.labels);
   drawText(pen, view);
+  drawScale(pen, view);
   download(await new Promise((done) => sheet.toBlob(done)), name);
 }
 
@@ -36,7 +40,17 @@ function drawNames(pen, labels) {
   }
 }
 
-function drawText(pen, { height, ink, title, when, way, entries }) {
+// Text with a rim of the background's colour, read on any cell.
+function write(pen, text, x, y, { back, ink }, most) {
+  pen.lineWidth = 3;
+  pen.strokeStyle = back;
+  pen.strokeText(text, x, y, most);
+  pen.fillStyle = ink;
+  pen.fillText(text, x, y, most);
+}
+
+function drawText(pen, view) {
+  const { height, ink, title, when, way, entries } = view;
   pen.textAlign = "left";
   pen.fillStyle = ink;
   pen.font = "600 14px system-ui, sans-serif";
@@ -44,18 +58,30 @@ function drawText(pen, { height, ink, title, when, way, entries }) {
   pen.font = "13px system-ui, sans-serif";
   pen.fillText(when, MARGIN, height - MARGIN);
   if (way.scale) drawBar(pen, way, ink);
-  else if (entries.length) drawEntries(pen, way, entries, ink);
+  else if (entries.length) drawEntries(pen, view);
 }
 
-function drawEntries(pen, way, entries, ink) {
+function drawEntries(pen, view) {
+  const { way, entries, height } = view;
   drawHeading(pen, way.title);
+  const rows = Math.max(Math.floor((height - BELOW) / ROW), 1);
   entries.forEach(([text, colour], k) => {
-    const y = MARGIN + 24 + 18 * k;
+    const x = MARGIN + COLUMN * Math.floor(k / rows);
+    const y = MARGIN + 24 + ROW * (k % rows);
     pen.fillStyle = colour;
-    pen.fillRect(MARGIN, y - 6, 12, 12);
-    pen.fillStyle = ink;
-    pen.fillText(text, MARGIN + 19, y);
+    pen.fillRect(x, y - 6, 12, 12);
+    write(pen, letters(text, LETTERS), x + 19, y, view, COLUMN - 26);
   });
+}
+
+function drawScale(pen, view) {
+  const { bar, width, height, ink } = view;
+  const right = width - MARGIN;
+  pen.fillStyle = ink;
+  pen.fillRect(right - bar.pixels, height - MARGIN - 3, bar.pixels, 3);
+  pen.textAlign = "right";
+  pen.font = "12px system-ui, sans-serif";
+  write(pen, bar.label, right, height - MARGIN - 13, view);
 }
 
 function drawBar(pen, { title, scale }, ink) {
