@@ -22,6 +22,8 @@ SPARE = 1.04
 """Room of a view, of what it shows."""
 NARROWEST, LOWEST = 1.15, 0.3
 """Least width of a view, for scale bar and axes, and least height above them, inches."""
+VIEW = 0.4
+"""Length of the largest view below which it needs the room of others, inches."""
 BLOCK, SHARE = 4.0, 0.5
 """Side of a block that a figure of the usual size has room for, inches, and the largest block as a
 share of a figure of a given size."""
@@ -46,12 +48,15 @@ class Layout:
     places : of the parts: the views, and the contact matrix
     key_top : float
         Where the legend begins, inches from the top.
+    foot : float
+        Inches below each view; 0 where there is no room for it.
     """
 
     size: tuple[float, float]
     per_micrometre: float
     places: list[Place]
     key_top: float
+    foot: float
 
     def share(self, place: Place) -> Place:
         """Place as a share of the figure."""
@@ -88,7 +93,8 @@ class _Grid:
 
     def sides(self, scale: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Widths of the columns and heights of the rows in inches, `scale` inches per µm."""
-        parts = np.maximum(self.views * scale, (NARROWEST, LOWEST)) + np.array([0, self.foot])
+        least = (NARROWEST, LOWEST) if self.foot else (0.0, 0.0)
+        parts = np.maximum(self.views * scale, least) + np.array([0, self.foot])
         if self.block is not None:
             parts = np.concatenate([parts, [self.block]])
         widths = [parts[k :: self.columns, 0].max() for k in range(self.columns)]
@@ -135,10 +141,7 @@ def layout(
     wide, high = given or (LONELY if len(views) == 1 and not block else WIDE, HIGH)
     top = TITLE + key_height(seen.colouring, wide, high)
     if given:
-        if block is not None:
-            block = min(block[0], SHARE * wide), min(block[1], SHARE * (high - top))
-        grid = _Grid(extents, block, foot)
-        scale = grid.scale((wide, high - top))
+        grid, scale = _within((wide, high - top), extents, block, foot)
     else:
         grid = _Grid(extents, block, foot)
         more = [max(side - BLOCK, 0.0) for side in block or (0.0, 0.0)]
@@ -147,8 +150,23 @@ def layout(
         wide, high = max(lengths[0], wide * 0.5), lengths[1] + top
     return Layout(
         (float(wide), float(high)), scale,
-        _places(grid.count, *grid.sides(scale), (wide, high - top)), TITLE,
+        _places(grid.count, *grid.sides(scale), (wide, high - top)), TITLE, grid.foot,
     )  # fmt: skip
+
+
+def _within(
+    room: tuple[float, float], extents: NDArray[np.float64], block: tuple[float, float] | None,
+    foot: float,
+) -> tuple[_Grid, float]:  # fmt: skip
+    """Grid and scale for a given room: in a small one without block, or even without feet."""
+    if block is not None:
+        block = min(block[0], SHARE * room[0]), min(block[1], SHARE * room[1])
+    for grid in (_Grid(extents, block, foot), _Grid(extents, None, foot)):
+        scale = grid.scale(room)
+        if scale * extents.max() >= VIEW:
+            return grid, scale
+    grid = _Grid(extents, None, 0.0)
+    return grid, grid.scale(room)
 
 
 def _spent(parts: int) -> float:

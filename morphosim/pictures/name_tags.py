@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -110,14 +111,19 @@ def _inside(
     panel: Panel, place: int, part: Part, measure: Measure, sizes: Sequence[float],
     before: NameTag | None,
 ) -> NameTag | None:  # fmt: skip
-    """Name on its cell, where it was before, or else in the largest letters that fit."""
+    """Name on its cell, where it was before, or else in the largest letters that fit.
+
+    Beside the edges of a box if there is room, or else in front of them.
+    """
     mask = np.pad(panel.seen[part] == place, 1)
+    clear = mask if panel.lines is None else mask & ~np.pad(panel.lines[part], 1)
     corner = part[0].start - 1, part[1].start - 1
-    if before is not None and before.side < 0 and _stays(mask, corner, before, measure, sizes):
+    if before is not None and before.side < 0 and _stays(clear, corner, before, measure, sizes):
         return before
     name = panel.names[place]
-    for text, size in _ways(name, tuple(panel.names), sizes):
-        where = _roomiest(mask, *measure(text, size))
+    ways = list(_ways(name, tuple(panel.names), sizes))
+    for free, (text, size) in product([clear] if panel.lines is None else [clear, mask], ways):
+        where = _roomiest(free, *measure(text, size))
         if where is not None:
             return NameTag(name, text, where[1] + corner[1], where[0] + corner[0], size)
     return None

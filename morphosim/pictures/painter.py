@@ -45,6 +45,8 @@ class Panel:
     rectangles : (N,)
         Pixels of the rectangle around each cell, as if no other hid it.
     camera : Camera
+    lines : (H, W) bool, optional
+        Where edges of a box are seen.
     """
 
     image: NDArray[np.uint8]
@@ -52,6 +54,7 @@ class Panel:
     names: Sequence[str]
     rectangles: NDArray[np.float64]
     camera: Camera
+    lines: NDArray[np.bool_] | None = None
 
 
 class Painter(AbstractContextManager["Painter"]):
@@ -119,13 +122,18 @@ class Painter(AbstractContextManager["Painter"]):
         checked_pixels(camera.size, least=1)
         self._look(camera)
         image = self._shot(self._cells, self._shell, self._edges)[..., :3]
+        lines = None
+        if self._edges is not None:
+            lines = _coarser(image) != _coarser(self._shot(self._cells, self._shell)[..., :3])
+            lines = lines.any(axis=2)
         seen = self._seen()
         _darken(image, _rims(seen), OUTLINE)
         if self._shell is not None:
             outside = self._shot(self._outline)[..., 0] > 127  # white there
             _darken(image, _rims(outside) & (seen < 0), SHELL_LINE)
         rectangles = np.array([_rectangle(camera.pixels(mesh.vertices)) for mesh in self._meshes])
-        return Panel(_coarser(image), seen[::FINER, ::FINER], self._names, rectangles, camera)
+        names = seen[::FINER, ::FINER], self._names
+        return Panel(_coarser(image), *names, rectangles, camera, lines)
 
     def _load_cells(self, meshes: Sequence[CellMesh], colours: Mapping[str, RGB]) -> None:
         """One mesh of all cells, drawn in their colours and, on demand, in their numbers."""

@@ -77,7 +77,8 @@ def plot(
         mirror image. With `mirror` the picture is the anatomy: the view along z shows it from
         its left, with small z in front.
     size : (float, float), optional
-        Width and height in inches, from 2 to 48; by default what the views need.
+        Width and height in inches, from 2 to 48; by default what the views need. Figures that are
+        too small for them have no matrix, or no scale bars and axes.
     path : path, optional
         Picture to write: PNG, JPEG, TIFF or WebP, or PDF or SVG around pixels.
 
@@ -282,8 +283,9 @@ def _composed(
         for view, place in zip(views, plan.places, strict=False):
             draw_sight(
                 figure.add_axes(plan.share(place)), seen, painter, view, names=names,
-                mirror=mirror, scale=1 / plan.per_micrometre / DPI,
+                mirror=mirror, scale=1 / plan.per_micrometre / DPI, foot=plan.foot,
+                scale_bar=plan.foot > 0, axes=plan.foot > 0,
             )  # fmt: skip
-    if contacts is not None:
+    if contacts is not None and len(plan.places) > len(views):
         draw_matrix(figure, plan.places[-1], contacts)
     return figure

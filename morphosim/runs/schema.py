@@ -18,9 +18,11 @@ PARENT = {"parent": Variable(("time", "cell"), str, None, "name of the mother ce
 can tell how to put saves together: `open_mfdataset` with combine="nested", concat_dim="time",
 join="outer"."""
 
+CONTACT = "of phi = 0.34 of each cell where phi of the other is at least 0.2, mean of both"
+
 CONTACT_MATRIX = {
     "contact_area": Variable(
-        ("time", "cell", "neighbour"), "f4", "um2", "contact area, 0 where cells do not touch"
+        ("time", "cell", "neighbour"), "f4", "um2", f"contact area: {CONTACT}; 0 without contact"
     ),
 }
 CONTACT_LIST = {
@@ -29,7 +31,9 @@ CONTACT_LIST = {
     "contact_neighbour": Variable(
         ("contact",), "i4", "1", "index into cell, above contact_cell", index="cell"
     ),
-    "contact_pair_area": Variable(("contact",), "f4", "um2", "contact area of the pair"),
+    "contact_pair_area": Variable(
+        ("contact",), "f4", "um2", f"contact area of the pair: {CONTACT}"
+    ),
 }
 FIELDS = {
     "row_size": Variable(

@@ -166,6 +166,49 @@ def test_names_lie_on_their_cells_and_do_not_overlap() -> None:
         assert not any(box.overlaps(other) for key, other in boxes.items() if key != name)
 
 
+def test_names_are_in_front_of_walls_that_cross_them(confined: dict) -> None:
+    confined["walls"] = BoxWalls(lower=(15, 15, 0), upper=(30, 30, 30))  # an edge in the middle
+    run = made_run([{"a name on an edge": Ball((15, 15, 15), 10, type="R")}])
+    figure, panel = drawn(run, bounds=BOX, by="type", colours={"R": (0.9, 0.9, 0.2)})
+    assert panel.lines is not None
+    (box,) = boxes_of(figure, {"a name on an edge"}).values()
+    height, ((column, row),) = panel.seen.shape[0], panel.camera.pixels([(15, 15, 30)]).round()
+    at, beside = int(row), slice(int(column) + 5, int(column) + 60)
+    assert panel.lines[at - 2 : at + 3, beside].any(axis=0).all()
+    assert (panel.seen[at, beside] == 0).all()  # in front of the cell
+    rows = slice(round(height - box.y1), round(height - box.y0))
+    assert not panel.lines[rows, round(box.x0) : round(box.x1)].any()
+    (text,) = (one for one in figure.axes[0].texts if one.get_text() == "a name on an edge")
+    assert text.get_path_effects()  # a rim, where there is no other place
+
+
+@pytest.mark.parametrize(("size", "count"), [((5, 4), 30), ((3, 3), 9), ((2, 2), 9), (None, 30)])
+def test_figures_of_any_size_have_no_text_over_another(
+    size: tuple[float, float] | None, count: int
+) -> None:
+    names = [f"a cell of the second lineage, no. {k:06d}" for k in range(count)]
+    balls = {
+        name: ball._replace(type=f"type {k:02d}")
+        for k, (name, ball) in enumerate(zip(names, crowd(count).values(), strict=True))
+    }
+    figure = plot(made_run([balls], all_touch(names)), by="type", size=size)
+    figure.draw_without_rendering()
+    texts = [
+        text
+        for ax in figure.axes
+        for text in (*ax.texts, ax.title, *(_ticks(ax) if ax.axison else ()))
+    ]
+    (legend,) = figure.legends
+    texts += [*legend.get_texts(), figure._suptitle]  # type: ignore[attr-defined]
+    boxes = [text.get_window_extent() for text in texts if text.get_text()]
+    assert len(boxes) > 3
+    assert not any("e+" in text.get_text() for text in texts)  # scale bars say what can be seen
+    for k, box in enumerate(boxes):
+        assert figure.bbox.x0 - 1 <= box.x0 < box.x1 <= figure.bbox.x1 + 1
+        assert figure.bbox.y0 - 1 <= box.y0 < box.y1 <= figure.bbox.y1 + 1
+        assert not any(_cover(box, other) for other in boxes[:k])
+
+
 def test_hidden_cells_have_no_names_and_small_ones_have_them_beside() -> None:
     balls = {
         "front": Ball((15, 15, 22), 6),
