@@ -43,10 +43,8 @@ MOST_GROUPS = 14
 """Up to so many groups of many cells have their names at the matrix."""
 AREAS = LinearSegmentedColormap.from_list(
     "areas", ["#dceaf5", "#a5cbe3", "#4a98c9", "#0b3c7d"]
-).with_extremes(under="white")
+).with_extremes(bad="white")
 """White is no contact: the smallest one is seen."""
-NONE = 1e-9
-"""Share of the largest area below which there is none."""
 
 Room = tuple[float, float]
 """Width and height, inches."""
@@ -124,7 +122,9 @@ def draw_matrix(figure: Figure, place: Place, matrix: ContactMatrix) -> Axes:
         (bottom + plan.below + max(spare[1], 0) / 2) / high, plan.side / wide, plan.side / high,
     ))  # fmt: skip
     peak = float(np.nanmax(areas, initial=0))
-    image = ax.imshow(areas, cmap=AREAS, norm=Normalize(NONE * peak, peak or 1.0), **PIXELS)
+    image = ax.imshow(
+        np.ma.masked_equal(areas, 0), cmap=AREAS, norm=Normalize(0, peak or 1.0), **PIXELS
+    )
     text = "contact area, µm²" if peak else "no contacts"
     room = plan.side + min(plan.left, plan.right) * 2
     ax.set_title(text, fontsize=float(np.clip(9 * room / inches_wide(text, 9), 5, 9)))

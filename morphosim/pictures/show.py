@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 MODULES = (
-    "format", "unpack", "colours", "materials", "embryo", "cut", "ids", "labels", "axes", "scalebar",
-    "legend", "chart", "card", "cells", "timeline", "picture", "messages", "inputs", "main",
+    "format", "unpack", "colours", "materials", "embryo", "cut", "ids", "labels", "axes",
+    "scalebar", "legend", "chart", "card", "cells", "timeline", "picture", "messages", "inputs", "main",
 )  # fmt: skip
 """The page's JavaScript, each after those that it imports."""
 NOTEBOOK_TIMES = 13
