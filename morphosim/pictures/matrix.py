@@ -189,7 +189,7 @@ def _name_groups(ax: Axes, groups: Sequence[str], plan: _Plan) -> None:
         if (b - a) * each >= size / POINTS_PER_INCH
     ]
     middles, texts = [at for _, at, _ in named], [plain(text) for text, *_ in named]
-    lying = all(inches_wide(text, size) < room - 0.05 for text, _, room in named)
+    lying = all(inches_wide(text, size) < room - 0.02 for text, _, room in named)
     ax.set_yticks(middles, texts, fontsize=size)
     ax.set_xticks(middles, texts, fontsize=size, rotation=0 if lying else 90)
 

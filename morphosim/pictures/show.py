@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 MODULES = (
     "format", "unpack", "colours", "materials", "embryo", "cut", "ids", "labels", "axes",
-    "scalebar", "legend", "chart", "card", "cells", "timeline", "picture", "messages", "inputs", "main",
+    "scalebar", "legend", "chart", "card", "cells", "timeline", "picture", "messages", "inputs",
+    "main",
 )  # fmt: skip
 """The page's JavaScript, each after those that it imports."""
 NOTEBOOK_TIMES = 13
