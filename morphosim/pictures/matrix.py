@@ -122,9 +122,12 @@ def draw_matrix(figure: Figure, place: Place, matrix: ContactMatrix) -> Axes:
         (bottom + plan.below + max(spare[1], 0) / 2) / high, plan.side / wide, plan.side / high,
     ))  # fmt: skip
     peak = float(np.nanmax(areas, initial=0))
+    shown = _pooled(areas, max(int(plan.side * figure.dpi), 1))
+    end = len(names) - 0.5
     image = ax.imshow(
-        np.ma.masked_equal(areas, 0), cmap=AREAS, norm=Normalize(0, peak or 1.0), **PIXELS
-    )
+        np.ma.masked_equal(shown, 0), cmap=AREAS, norm=Normalize(0, peak or 1.0),
+        extent=(-0.5, end, end, -0.5), **PIXELS,
+    )  # fmt: skip
     text = "contact area, µm²" if peak else "no contacts"
     room = plan.side + min(plan.left, plan.right) * 2
     ax.set_title(text, fontsize=float(np.clip(9 * room / inches_wide(text, 9), 5, 9)))
@@ -140,6 +143,14 @@ def draw_matrix(figure: Figure, place: Place, matrix: ContactMatrix) -> Axes:
         if plan.right >= RIGHT:
             _draw_bar(ax, image, plan.side)
     return ax
+
+
+def _pooled(areas: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """Largest areas of entries that share a pixel, where there are more than `most` in a row."""
+    step = -(-len(areas) // most)
+    starts = np.arange(0, len(areas), max(step, 1))
+    rows = np.maximum.reduceat(areas, starts, axis=0)
+    return np.asarray(np.maximum.reduceat(rows, starts, axis=1))
 
 
 def _plan(matrix: ContactMatrix, room: Room) -> _Plan:

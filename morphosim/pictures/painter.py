@@ -174,10 +174,16 @@ class Painter(AbstractContextManager["Painter"]):
         view = self._plotter.camera
         view.parallel_projection = True
         view.focal_point = camera.center.tolist()
-        view.position = (camera.center + camera.toward * 1000).tolist()
+        reach = self._reach(camera)
+        view.position = (camera.center + camera.toward * 2 * reach).tolist()
         view.up = camera.up.tolist()
         view.parallel_scale = height * camera.scale / 2
-        view.clipping_range = (1.0, 2000.0)
+        view.clipping_range = (0.5 * reach, 3.5 * reach)
+
+    def _reach(self, camera: Camera) -> float:
+        """From the middle of the picture to what is farthest from it, µm, and some more."""
+        ends = np.array(self._plotter.bounds).reshape(3, 2) - camera.center[:, None]
+        return 1.0 + float(np.linalg.norm(np.abs(ends).max(axis=1)))
 
     def _shot(self, *actors: Any) -> NDArray[np.uint8]:
         """Picture of these actors alone, FINER times finer: (h, w, 4)."""

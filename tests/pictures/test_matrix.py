@@ -113,3 +113,19 @@ def test_without_contacts_there_is_no_scale() -> None:
     ax = drawn(matrix._replace(areas=np.zeros((2, 2))))
     assert ax.get_title() == "no contacts"
     assert ax.child_axes == []
+
+
+def test_a_contact_of_very_many_cells_is_seen() -> None:
+    count = 1000
+    areas = np.zeros((count, count))
+    areas[123, 877] = areas[877, 123] = 5.0
+    many = made([f"c{k}" for k in range(count)])._replace(areas=areas)
+    ax = drawn(many)
+    pixels = np.asarray(ax.figure.canvas.buffer_rgba())[..., :3].astype(int)  # type: ignore[attr-defined]
+    box, height = ax.get_window_extent(), pixels.shape[0]
+    inside = pixels[round(height - box.y1) + 2 : round(height - box.y0) - 2,
+                    round(box.x0) + 2 : round(box.x1) - 2]  # fmt: skip
+    rows, columns = np.nonzero(inside.max(axis=2) < 200)
+    assert len(rows) >= 2
+    shares = np.array([rows.min() / len(inside), columns.min() / inside.shape[1]])
+    np.testing.assert_allclose(shares, 0.123, atol=0.01)

@@ -89,6 +89,13 @@ def test_what_is_in_front_hides_what_is_behind_and_mirroring_swaps_them() -> Non
     assert mirrored[1] > mirrored[0] + 60
 
 
+def test_nothing_of_a_deep_scene_is_cut_off() -> None:
+    ends = {"near": Ball((5, 5, 2500), type="R"), "far": Ball((25, 25, -2500), type="G")}
+    image = render(made_run([ends]), by="type", colours=COLOURS, bounds=BOX, size=(SIZE, SIZE))
+    for band, side in enumerate((-10, 10)):
+        np.testing.assert_allclose(where(image, band), expected(side, side), atol=1.5)
+
+
 def test_all_that_by_may_be_gives_other_pictures() -> None:
     balls = {"AB": Ball(LOW, type="R"), "P1": Ball(HIGH, type="G", error=-3)}
     run = made_run([balls], stages=["two"])
