@@ -132,19 +132,25 @@ def _euler_step(scene: Scene) -> str:
 
 
 def _late(scene: Scene) -> str:
-    numerics, tau = scene.numerics, _least_tau(scene)
     if not is_late(scene):
         return ""
     what = f"so up to {100 * missed(scene):.0f} % of what changes would be missing at the end"
-    if numerics.scheme == "imex1":
-        slower, most = 1 + numerics.S * numerics.dt / tau, tau * MISSED / (1 - MISSED)
-        return (
-            f"numerics.dt = {numerics.dt:g} with S = {numerics.S:g} makes time run 1 + S δt/τ = "
-            f"{slower:.3g} times slower, {what}. Take scheme = 'bdf2', or dt times S of at most "
-            f"{_rounded(most, np.floor)}"
-        )
-    span, least = _span(scene), _rounded(lag(scene) / MISSED, np.ceil)
-    longest = np.sqrt(max(MISSED * span, short_lag(scene)) * tau / numerics.S)
+    return _slow_time(scene, what) if scene.numerics.scheme == "imex1" else _lagging(scene, what)
+
+
+def _slow_time(scene: Scene, what: str) -> str:
+    numerics, tau = scene.numerics, _least_tau(scene)
+    return (
+        f"numerics.dt = {numerics.dt:g} with S = {numerics.S:g} makes time run 1 + S δt/τ = "
+        f"{1 + numerics.S * numerics.dt / tau:.3g} times slower, {what}. Take scheme = 'bdf2', or "
+        f"dt times S of at most {_rounded(tau * MISSED / (1 - MISSED), np.floor)}"
+    )
+
+
+def _lagging(scene: Scene, what: str) -> str:
+    numerics, span = scene.numerics, _span(scene)
+    longest = np.sqrt(max(MISSED * span, short_lag(scene)) * _least_tau(scene) / numerics.S)
+    least = _rounded(lag(scene) / MISSED, np.ceil)
     short, enough = f"a run of {span:g}", f", or a duration of {least}"
     if scene.stages:
         short = f"stages of {span:.3g} on average" if scene.end else f"stages of about {span:.3g}"
