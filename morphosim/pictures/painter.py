@@ -28,6 +28,8 @@ SHINE = {
 """How cells reflect light."""
 EDGE_WIDTH = 1.3
 """Width of a box's edges, pixels."""
+NEAR = 512.0
+"""µm within which most scenes are."""
 NOWHERE = 0xFFFFFF
 """White, read as the number of a cell."""
 
@@ -181,9 +183,13 @@ class Painter(AbstractContextManager["Painter"]):
         view.clipping_range = (0.5 * reach, 3.5 * reach)
 
     def _reach(self, camera: Camera) -> float:
-        """From the middle of the picture to what is farthest from it, µm, and some more."""
+        """At least from the middle of the picture to what is farthest from it, µm.
+
+        In steps of 2, so that from frame to frame light falls and depths are rounded alike.
+        """
         ends = np.array(self._plotter.bounds).reshape(3, 2) - camera.center[:, None]
-        return 1.0 + float(np.linalg.norm(np.abs(ends).max(axis=1)))
+        farthest = max(float(np.linalg.norm(np.abs(ends).max(axis=1))), NEAR)
+        return float(2 ** np.ceil(np.log2(farthest)))
 
     def _shot(self, *actors: Any) -> NDArray[np.uint8]:
         """Picture of these actors alone, FINER times finer: (h, w, 4)."""

@@ -109,6 +109,10 @@ def test_what_stands_still_does_not_move_in_a_film(by: str, tmp_path: Path) -> N
     left = first[100:260, 40:140]
     assert (left.min(axis=2) < 200).mean() > 0.1  # the ball
     np.testing.assert_array_equal(left, last[100:260, 40:140])
+    starts = [
+        np.flatnonzero((frame[:25].min(axis=2) < 128).any(axis=0))[0] for frame in (first, last)
+    ]
+    assert starts[0] == starts[1]  # of the title
 
 
 def test_a_camera_may_go_around_one_save(run: xr.Dataset, tmp_path: Path) -> None:
