@@ -43,7 +43,7 @@ INSTEAD = {
     "import-labels IMAGE --axes xyz --spacing 0.5 0.5 0.5 --table cells.csv -o DIR",
     "mpirun -n 4 morphosim run SCENE -o DIR --mpi": "mpirun -n 2 morphosim run SCENE -o DIR --mpi "
     + SHORT_RUN,
-    "mpirun -n 8 morphosim run --resume DIR --mpi": "mpirun -n 3 morphosim run --resume DIR --mpi",
+    "mpirun -n 8 morphosim run --resume DIR --mpi": "mpirun -n 1 morphosim run --resume DIR --mpi",
     "mpirun -n 4 python large.py": "mpirun -n 2 python large.py",
     **{
         f"morphosim run synnotch-{name} -o DIR": f"morphosim run synnotch-{name} --dry-run"
