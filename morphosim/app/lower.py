@@ -93,7 +93,7 @@ class Lower:
         name, began = self._state.look_name or "", time.perf_counter()
         self._wanted = object()
         with self._state as state:
-            state.opening, state.look_error, state.made = True, "", []
+            state.opening, state.look_error = True, ""
         try:
             path = self._store.run(name)
             await self._read(self._take, path)
@@ -121,6 +121,7 @@ class Lower:
         assert run is not None
         times = run["time"].values.tolist()
         self._saves = chosen_saves(len(times))
+        state.made = state.made if name == state.opened else []
         state.opened, state.times = name, [times[save] for save in self._saves]
         state.run_index = len(self._saves) - 1
         state.run_cell, state.run_cells = None, run["cell"].values.astype(str).tolist()

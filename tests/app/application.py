@@ -116,9 +116,11 @@ def wait(page: "Page", condition: str) -> None:
 
 def open_run(page: "Page", name: str) -> None:
     """Open a run of the list, and wait until all of it is there."""
+    before = state(page, "run_stream")["key"]
     choose(page, "Run", name)
     page.get_by_role("button", name="Open", exact=True).click()
-    wait(page, f"state.opened === '{name}' && !state.opening")
+    wait(page, f"state.run_stream.key !== '{before}' && state.opened === '{name}'")
+    wait(page, "state.run_stream.key && !state.opening")
 
 
 def type_in(page: "Page", label: str, text: str) -> None:

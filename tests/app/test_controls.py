@@ -406,22 +406,21 @@ def test_exports_are_downloaded_and_the_page_stays(page: "Page", folder: Path) -
     open_run(page, "runs/three")
     half = page.locator(".half").last
     pictures = []
-    for by, mirror in (("cell", False), ("volume", False), ("volume", True), ("cell", False)):
+    for by, mirror in (("cell", False), ("volume", False), ("volume", True)):
         choose(page, "Colours by", by)
         half.get_by_label("mirror z").set_checked(mirror)
         half.get_by_role("button", name="Picture", exact=True).click()
         pictures.append(np.asarray(Image.open(BytesIO(download(page, len(pictures), ".png")))))
-    cell, volume, mirrored, again = pictures
-    assert (cell == again).all()
+    cell, volume, mirrored = pictures
     for one, two in ((cell, volume), (volume, mirrored)):
         assert one.shape != two.shape or (one != two).any()
 
     half.get_by_role("button", name="Film", exact=True).click()
     page.get_by_text("Break off").click()
     wait(page, "!state.making")
-    assert half.locator("a[download]").count() == 4
+    assert half.locator("a[download]").count() == 3
     half.get_by_role("button", name="Film", exact=True).click()
-    assert b"ftyp" in download(page, 4, ".mp4")[:12]
+    assert b"ftyp" in download(page, 3, ".mp4")[:12]
     for count, (what, entry) in enumerate(
         (
             ("tables (CSV)", "cells.csv"),
@@ -431,7 +430,7 @@ def test_exports_are_downloaded_and_the_page_stays(page: "Page", folder: Path) -
     ):
         choose(page, "Data as", what)
         press(page, "Write")
-        with zipfile.ZipFile(BytesIO(download(page, 5 + count, ".zip"))) as archive:
+        with zipfile.ZipFile(BytesIO(download(page, 4 + count, ".zip"))) as archive:
             assert any(name.endswith(entry) for name in archive.namelist())
     assert not page.locator("#look_error").is_visible()
 
@@ -532,10 +531,14 @@ def test_every_control_is_used_by_a_test(page: "Page") -> None:
     read_many(page)
     look()
     read_example(page)
+    look()
+    show_scene(page)
+    choose(page, "Scene", "celegans-8")
+    wait(page, "state.loaded === 'celegans-8' && !state.reading")
     choose(page, "Preset", "published")
     type_in(page, "Time", "1000000")
     press(page, "Run")
-    wait(page, "state.status === 'running'")
+    wait(page, "state.status === 'running' && state.remarks.length")
     look()
     press(page, "Pause")
     wait(page, "state.status === 'paused'")
