@@ -415,6 +415,24 @@ def test_data_that_cannot_be_read_are_said_to_be(tab: "Tab", data: dict[str, Any
     assert tab.locator("#notice").is_hidden()
 
 
+def test_controls_wait_for_cells(browser: "Browser", data: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "view.html").write_text(viewer_page(None), encoding="utf-8")
+    tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+    faults: list[str] = []
+    tab.on("pageerror", lambda error: faults.append(str(error)))
+    tab.goto((tmp_path / "view.html").as_uri())
+    tab.click("#cut", force=True)
+    tab.keyboard.press("c")
+    assert tab.get_attribute("#cut", "aria-pressed") == "false"
+    assert "Waiting for cells" in tab.inner_text("#notice")
+    post(tab, "load", data=data)
+    tab.wait_for_selector("#notice", state="hidden")
+    tab.click("#cut")
+    assert tab.get_attribute("#cut", "aria-pressed") == "true"
+    tab.close()
+    assert not faults
+
+
 def test_cells_that_leave_the_bounds_come_into_view(tab: "Tab") -> None:
     far = {"low": FIRST["low"], "far": Ball((90.0, 12.0, 15.0), 6.0)}
     post(tab, "append", frame=frame(20.0, cell_meshes(made_run([far]))), follow=True)

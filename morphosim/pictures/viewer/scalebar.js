@@ -16,7 +16,9 @@ export class ScaleBar {
 
   draw(width, height) {
     const perPixel = this.embryo.micrometres() / height;
-    const length = roundBelow(Math.min(SHARE * width, LONGEST) * perPixel);
+    const room = Math.min(SHARE * width, LONGEST) * perPixel;
+    if (!(room > 0)) return; // no cells yet
+    const length = roundBelow(room);
     this.pixels = length / perPixel;
     this.label = `${number(length, Math.max(0, -Math.floor(Math.log10(length))))} µm, mid-depth`;
     this.text.textContent = this.label;
