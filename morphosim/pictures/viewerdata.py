@@ -18,7 +18,7 @@ from morphosim.runs.views import contacts
 if TYPE_CHECKING:
     import xarray as xr
 
-ALL_TRIANGLES = 2_600_000
+ALL_TRIANGLES = 3_000_000
 """A page holds about so many triangles by default: some 17 MB."""
 FEWEST, MOST = 200, 1500
 """Triangles of a cell by default are between these."""
