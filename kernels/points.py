@@ -155,6 +155,7 @@ def _content_of_function(item: Any, where: str, seen: dict[int, Any]) -> Any:
     seen[id(function)] = item
     outside = dict(_outside(function, where))
     content = (
+        function.__module__,  # which Numba imports where it loads compiled code
         _content(function.__code__, where, seen),
         _content(function.__defaults__, f"{where}.__defaults__", seen),
         [

@@ -124,6 +124,13 @@ def test_a_changed_number_in_its_code_gives_another_name() -> None:
     assert forces[0].name != forces[1].name
 
 
+def test_the_module_is_part_of_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when a file is moved: Numba imports it from where it was to load what it has compiled."""
+    before = made(by_global).name
+    monkeypatch.setattr(by_global, "__module__", "elsewhere")
+    assert made(by_global).name != before
+
+
 def test_a_changed_default_gives_another_name() -> None:
     def forced(k: float, keyword: float) -> PointForce:
         def helper(x, k=k, *, keyword=keyword):  # type: ignore[no-untyped-def]
