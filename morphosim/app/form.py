@@ -12,7 +12,7 @@ from morphosim.app.changes import attraction_matrix
 from morphosim.app.processes import Desk, words_of
 from morphosim.app.settings import OWN, PRESET_NAMES, Settings, facts
 from morphosim.app.source import Source
-from morphosim.app.store import IMAGES, MASKS, SCENES, TABLES, Store
+from morphosim.app.store import ARRAYS, IMAGES, MASKS, SCENES, TABLES, Store
 from morphosim.importers.labels.scene import VOLUMES
 from morphosim.library.built_in import scene_names
 from morphosim.numerics.parameters import WALLS
@@ -78,6 +78,7 @@ class Form:
         self._state, self._store = state, store
         self._source: Source | None = None  # what the form holds
         self._reading: Source | None = None
+        self._turn = asyncio.Lock()  # of readers: warnings are caught for all threads alike
         self._scene: Scene | None = None  # as it was read, before anything is changed
         self._types: list[str] = []  # whose attraction is shown
         self._saver: Desk | None = None
@@ -96,7 +97,7 @@ class Form:
     async def uploaded(self, name: str) -> None:
         """Show a file that has come from the browser for a value of the state; read a scene."""
         await self.list_files()
-        if name == "scene_file":
+        if name == "scene_file" and self._state.source_kind == "file":
             await self.read_source()
 
     def chosen(self) -> Source:
@@ -128,10 +129,13 @@ class Form:
             state.reading, state.form_error, state.form_warnings = True, "", []
         scene, words = None, ""
         told: list[str] = []
-        try:
-            scene, told = await asyncio.to_thread(_looked_at, source, self._store)
-        except Exception as error:
-            words = words_of(error)
+        async with self._turn:
+            if self._reading is not source:
+                return  # another has been chosen while one before it was read
+            try:
+                scene, told = await asyncio.to_thread(_looked_at, source, self._store)
+            except Exception as error:
+                words = words_of(error)
         if self._reading is not source:
             return  # another has been chosen meanwhile
         with state:
@@ -158,7 +162,10 @@ class Form:
         """Names of a run, and of a scene file, that are free."""
         state, plain = self._state, _plain(self._state.loaded)
         state.run_name = self._store.name(self._store.free(f"runs/{plain}"))
-        state.save_name = self._store.name(self._store.free(f"{plain}.toml"))
+        state.save_name = self._free_scene(f"{plain}.toml")
+
+    def _free_scene(self, name: str) -> str:
+        return self._store.name(self._store.free(name, ARRAYS))
 
     def show_preset(self) -> None:
         """Show what the chosen preset means: nothing else is said of it then."""
@@ -234,7 +241,7 @@ class Form:
         files, words = [], ""
         try:
             files = await self._saver.do(
-                worker.save, settings=self.settings(), name=state.save_name or "",
+                worker.save, self._heard, settings=self.settings(), name=state.save_name or "",
                 store=self._store,
             )  # fmt: skip
         except Exception as error:
@@ -243,8 +250,14 @@ class Form:
             state.saving, state.save_error = False, words
             state.saved = [{"name": name, "link": f"files/{quote(name)}"} for name in files]
             if files:
-                state.save_name = self._store.name(self._store.free(files[0]))
+                state.save_name = self._free_scene(files[0])
         await self.list_files()
+
+    def _heard(self, kind: str, content: Any) -> None:
+        """Show what is warned of while a scene is saved, once."""
+        if kind == "warning" and content["text"] not in self._state.form_warnings:
+            with self._state as state:
+                state.form_warnings = [*state.form_warnings, content["text"]]
 
 
 def _looked_at(source: Source, store: Store) -> tuple[Scene, list[str]]:

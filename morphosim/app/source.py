@@ -24,8 +24,8 @@ KINDS = ("built-in", "matlab", "labels", "file")
 IMPORTED_DURATION, IMPORTED_SAVE_EVERY = 15000.0, 500.0
 """What the form proposes for imported cells: the published example's time, 30 saves."""
 NO_CODE = (
-    "run such a scene by the command line: morphosim run FILE -o DIR; or allow its code to the "
-    "application: morphosim app --allow-code"
+    "run such a scene by the command line: morphosim run FILE -o DIR, or --resume DIR; or allow "
+    "its code to the application: morphosim app --allow-code"
 )
 """What to do with a scene file that names code of a user's own."""
 

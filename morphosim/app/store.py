@@ -2,13 +2,13 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from morphosim._files import is_file, replacing, toml_table
+from morphosim._files import PARTIAL, is_file, replacing, toml_table
 from morphosim.runs.directory import RunDirectory
 
 DEEPEST = 4
@@ -20,6 +20,8 @@ UPLOADS = "imports"
 MASKS, TABLES = (".mat",), (".xls", ".xlsx", ".csv")
 IMAGES = (".tif", ".tiff", ".npy", ".npz", ".nc")
 SCENES = (".toml",)
+ARRAYS = ".npz"
+"""Ending of the file of a scene's arrays, beside it."""
 LARGEST_UPLOAD = 4 * 2**30
 """Largest file that is taken from the browser, bytes."""
 UPLOAD_SUFFIXES = (*MASKS, *IMAGES, *TABLES, *SCENES)
@@ -116,7 +118,7 @@ class Store:
         """
         name = name.strip()
         place = self._listed(name if name.lower().endswith(SCENES) or not name else f"{name}.toml")
-        for file in (place, place.with_suffix(".npz")):
+        for file in (place, place.with_suffix(ARRAYS)):
             if file.exists():
                 message = f"{self.name(file)!r} exists; give the scene another name"
                 raise FileExistsError(message)
@@ -150,17 +152,19 @@ class Store:
             raise ValueError(message)
         return place
 
-    def free(self, name: str) -> Path:
+    def free(self, name: str, *endings: str) -> Path:
         """Path of a file or folder to write: `name`, or name-2, name-3, … if there is one.
 
-        After a `name` that is name-2 itself comes name-3.
+        Or one that is being written, or one with another of the `endings`. After a `name` that is
+        name-2 itself comes name-3.
         """
         first = place = self.path(name)
         numbered = re.fullmatch(r"(.+)-\d+", first.stem)
-        if numbered and (before := first.with_name(numbered[1] + first.suffix)).exists():
-            first = before
+        if numbered:
+            before = first.with_name(numbered[1] + first.suffix)
+            first = before if _is_taken(before, endings) else first
         count = 1
-        while place.exists():
+        while _is_taken(place, endings):
             count += 1
             place = first.with_name(f"{first.stem}-{count}{first.suffix}")
         return place
@@ -273,6 +277,12 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, dict | list):
         for item in value.values() if isinstance(value, dict) else value:
             yield from _texts(item)
+
+
+def _is_taken(place: Path, endings: Iterable[str]) -> bool:
+    """Whether there is a file or folder, one that is being written, or one with other endings."""
+    others = [place.with_suffix(ending) for ending in endings]
+    return any(path.exists() for path in (place, place.with_name(place.name + PARTIAL), *others))
 
 
 def _is_save(name: str) -> bool:

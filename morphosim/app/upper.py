@@ -59,9 +59,8 @@ class Upper:
 
     async def run(self) -> None:
         """Simulate what the form says."""
-        await self._do(
-            self._state.run_name, worker.simulate, settings=self.form.settings(), store=self._store
-        )
+        settings = self.form.settings()
+        await self._do(settings.name, worker.simulate, settings=settings, store=self._store)
         with self._state as state:
             state.run_name = self._store.free_name(state.run_name)
 

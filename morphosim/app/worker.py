@@ -19,7 +19,7 @@ import numpy as np
 from morphosim.accessor import open_run
 from morphosim.app.processes import STOP, Channel, Stopped
 from morphosim.app.settings import Settings, preset_of, with_preset
-from morphosim.app.store import Store
+from morphosim.app.store import ARRAYS, Store
 from morphosim.cell_field import CellField
 from morphosim.runs.writer import RunWriter
 from morphosim.scene.file import save_scene
@@ -80,7 +80,7 @@ def save(channel: Channel, settings: Settings, name: str, store: Store) -> list[
         scene = replace(settings, name=place.stem).scene(store)
     place.parent.mkdir(parents=True, exist_ok=True)
     save_scene(scene, place)
-    return [store.name(file) for file in (place, place.with_suffix(".npz")) if file.exists()]
+    return [store.name(file) for file in (place, place.with_suffix(ARRAYS)) if file.exists()]
 
 
 @contextmanager

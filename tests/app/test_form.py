@@ -6,6 +6,7 @@ from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from queue import Queue
+from time import sleep
 from types import SimpleNamespace
 from typing import Any
 
@@ -268,6 +269,44 @@ def test_a_source_that_fails_leaves_the_form_as_it_is(store: Store) -> None:
     assert state.loaded == "two"
 
 
+def test_readers_take_turns_and_hear_their_own_warnings(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[str] = []
+
+    def slowly(source: Source, *_: Any, **__: Any) -> Scene:
+        read.append(source.scene)
+        sleep(0.1)
+        warnings.warn(f"of {source.scene}", stacklevel=1)
+        return two_cells()
+
+    async def choose() -> None:
+        reading = []
+        for state.scene_name in ("first", "passed over", "last"):
+            reading.append(asyncio.create_task(shown.read_source()))
+            await asyncio.sleep(0.02)
+        await asyncio.gather(*reading)
+
+    shown, state = filled(store)
+    monkeypatch.setattr(Source, "read", slowly)
+    before = warnings.showwarning, list(warnings.filters)
+    asyncio.run(choose())
+    assert read == ["first", "last"]
+    assert state.form_warnings == ["of last"]
+    assert (warnings.showwarning, list(warnings.filters)) == before
+
+
+def test_a_scene_that_has_come_is_read_where_its_tab_is_shown(store: Store) -> None:
+    shown, state = filled(store)
+    state["cells"][0]["name"] = "mine"
+    state.scene_file = "two.toml"
+    asyncio.run(shown.uploaded("scene_file"))  # from a tab that has been left
+    assert state["cells"][0]["name"] == "mine"
+    state.source_kind = "file"
+    asyncio.run(shown.uploaded("scene_file"))
+    assert state.loaded == "two"
+
+
 # --- scene files -------------------------------------------------------------------------------
 
 
@@ -320,6 +359,30 @@ def test_a_saved_scene_is_the_one_that_the_form_says(
     worker.save(Silent(), said, "mine", store)  # type: ignore[arg-type]
     written = scene_table(load_scene(tmp_path / "mine.toml"))
     np.testing.assert_equal(written, scene_table(said.scene(store)))
+
+
+def test_a_scene_is_saved_beside_what_has_its_name(
+    series: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Told:
+        async def do(self, job: Any, told: Any, name: str, **_: Any) -> list[str]:
+            for kind in ("compiling", "warning", "warning"):
+                told(kind, {"text": f"{kind} of the whole image"})
+            (series.root / name).touch()
+            return [name]
+
+    monkeypatch.setattr("morphosim.app.form.Desk", Told)
+    shown, state = filled(
+        series, source_kind="labels", image="series.npz", voxel="0.5", array="other",
+        background="9", image_volumes="ball",
+    )  # fmt: skip
+    state.form_warnings = []
+    for name, after in (("series-2.toml", "series-3.toml"), ("series-3.toml", "series-4.toml")):
+        assert state.save_name == name
+        assert series.new_scene(name) == series.root / name
+        asyncio.run(shown.save())
+        assert (state.save_name, state.save_error) == (after, "")
+    assert state.form_warnings == ["warning of the whole image"]
 
 
 @pytest.mark.parametrize("name", ["", "../out", "a/b/c/d/e", ".hidden"])

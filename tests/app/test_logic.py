@@ -14,6 +14,8 @@ from morphosim.app.lower import STATE, Lower
 from morphosim.app.processes import Child
 from morphosim.app.routes import Streams
 from morphosim.app.store import Store
+from morphosim.app.upper import STATE as UPPER
+from morphosim.app.upper import Upper
 from tests.app.page_state import State
 
 LOCAL = {"Host": "127.0.0.1:8080"}
@@ -97,6 +99,8 @@ def test_names_of_runs_and_files(tmp_path: Path) -> None:
         write(b"abc")
     assert (tmp_path / name).read_bytes() == b"abc"
     assert name == "imports/up.mat"
+    with store.receiving("up.mat") as (one, _), store.receiving("up.mat") as (two, _):
+        assert (one, two) == ("imports/up-2.mat", "imports/up-3.mat")
     with pytest.raises(ValueError, match="ending that is not known"), store.receiving("x.exe"):
         pass
 
@@ -178,3 +182,20 @@ def test_jobs_of_a_process_of_their_own(tmp_path: Path) -> None:
     finally:
         child.close()
     assert not child.alive
+
+
+def test_a_run_is_offered_by_its_name(tmp_path: Path) -> None:
+    class Done:
+        async def do(self, *_: object, **__: object) -> str:
+            return ""
+
+    async def note(name: str) -> None:
+        ended.append(name)
+
+    ended: list[str] = []
+    state = State(UPPER | {"run_name": " runs/new "})
+    upper = Upper(state, Store(tmp_path), Streams(), note)
+    upper._desk = Done()  # type: ignore[assignment]
+    asyncio.run(upper.run())
+    assert ended == [state.run_name] == ["runs/new"]
+    assert state.run_note == "runs/new is saved"
