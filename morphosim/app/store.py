@@ -211,15 +211,21 @@ class Store:
             yield self.name(place), write
 
     def _place(self, name: str, beside: str) -> Path:
-        """Path of a file to come from the browser; a scene gets a folder of its own."""
+        """Path of a file to come from the browser; a scene gets a folder of its own.
+
+        None is named as a save of a run: its folder would be taken for a run.
+        """
         plain = Path(name.replace("\\", "/")).name
+        plain = f"sent-{plain}" if _is_save(plain) else plain
         if Path(plain).suffix.lower() not in UPLOAD_SUFFIXES:
             message = f"file {name!r} has an ending that is not known; allowed are "
             raise ValueError(message + ", ".join(UPLOAD_SUFFIXES))
         if beside:
             folder = self.path(beside).parent
-            if not folder.is_relative_to(self.root / UPLOADS) or (folder / plain).exists():
-                message = f"file {name!r} cannot be put beside {beside!r}; choose both files anew"
+            allowed = Path(plain).suffix.lower() == ARRAYS and not (folder / plain).exists()
+            if not allowed or not folder.is_relative_to(self.root / UPLOADS):
+                message = f"file {name!r} cannot be put beside {beside!r}; choose a scene file and "
+                message += f"its arrays ({ARRAYS}) anew"
                 raise ValueError(message)
             return folder / plain
         if Path(plain).suffix.lower() in SCENES:

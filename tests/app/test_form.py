@@ -471,7 +471,9 @@ def test_a_scene_and_its_arrays_come_from_the_browser_together(tmp_path: Path) -
             write(b"b")
         assert (scene, arrays) == (f"imports/own{count}/own.toml", f"imports/own{count}/own.npz")
     (tmp_path / "other.toml").touch()
-    for name, beside in (("own.npz", scene), ("x.npz", "other.toml"), ("x.npz", "../x.toml")):
+    for name, beside in (
+        ("own.npz", scene), ("x.npz", "other.toml"), ("x.npz", "../x.toml"), ("x.nc", scene),
+    ):  # fmt: skip
         error = pytest.raises(ValueError, match=r"cannot be put beside|leads out")
         with error, store.receiving(name, beside) as (_, write):
             write(b"c")

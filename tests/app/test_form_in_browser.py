@@ -139,6 +139,7 @@ def test_a_time_of_a_label_image_is_chosen(page: "Page") -> None:
     volumes = set()
     for kind in ("ball", "voxels"):
         choose(page, "Target volumes", kind)
+        wait(page, "!state.fits")
         press.click()
         wait(page, "state.fits && !state.reading && !state.form_error")
         volumes.add(state(page, "cells")[0]["own_volume"])

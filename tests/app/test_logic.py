@@ -101,6 +101,9 @@ def test_names_of_runs_and_files(tmp_path: Path) -> None:
     assert name == "imports/up.mat"
     with store.receiving("up.mat") as (one, _), store.receiving("up.mat") as (two, _):
         assert (one, two) == ("imports/up-2.mat", "imports/up-3.mat")
+    with store.receiving("save-000000.nc") as (name, _):  # a label image, and no run
+        assert name == "imports/sent-save-000000.nc"
+    assert store.runs() == ["runs/a"]
     with pytest.raises(ValueError, match="ending that is not known"), store.receiving("x.exe"):
         pass
 

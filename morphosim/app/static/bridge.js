@@ -148,7 +148,8 @@
     const name = event.target?.dataset?.uploads;
     const files = [...(event.target?.files ?? [])];
     if (!name || !files.length) return;
-    files.sort((a, b) => b.name.endsWith(".toml") - a.name.endsWith(".toml"));
+    const isScene = (file) => /\.toml$/i.test(file.name);
+    files.sort((a, b) => isScene(b) - isScene(a));
     let first = "";
     let answer = { ok: true };
     for (const file of files) {
