@@ -302,6 +302,15 @@ def test_steps_count_in_units_of_the_viscosity() -> None:
         assert stability.lag(thick) == pytest.approx(10 * stability.lag(thin))
 
 
+@pytest.mark.parametrize(
+    ("values", "end", "share"),
+    [({"S": 1e-300, "dt": 1e-20}, 1e-12, 0.0), ({"dt": 1000.0}, 5e-324, 1.0)],
+)
+def test_the_smallest_numbers_have_a_share(values: dict, end: float, share: float) -> None:
+    scene = replace(pair(), duration=end).with_numerics(**values)
+    assert stability.missed(scene) == pytest.approx(share, abs=1e-12)
+
+
 def test_short_runs_of_presets_are_not_warned_of() -> None:
     for scene in (*map(built_in_scene, scene_names()), pair(), pressed()):
         for name, end in product(PRESETS, (1.0, 10.0, 100.0, scene.duration)):

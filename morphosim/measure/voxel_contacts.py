@@ -59,7 +59,7 @@ def boundary_voxels(labels: NDArray[np.integer]) -> dict[tuple[int, int], float]
 
     The boundary may lie in either cell: the number is the mean of both.
     """
-    sides = np.unique(np.concatenate([*_face_pairs(labels), np.zeros((0, 2), np.int64)]), axis=0)
+    sides = np.unique(np.concatenate(list(_face_pairs(labels))), axis=0)
     both = np.sort(np.stack([labels.ravel()[sides[:, 0]], sides[:, 1]], axis=1), axis=1)
     pairs, counts = np.unique(both, axis=0, return_counts=True)
     return {

@@ -67,9 +67,10 @@ class DistributedSimulation(Simulation):
 
     def _is_stopped(self) -> bool:
         """Whether any rank has asked the run to end; then all do, for the reason of the first."""
-        reasons = world().allgather(self.stopped)
-        self.stopped = next((why for why in reasons if why), "")
-        return super()._is_stopped()
+        reason = next((why for why in world().allgather(self.stopped) if why), "")
+        if reason:  # without, what a thread has asked for meanwhile stays for the next step
+            self.stopped = reason
+        return bool(reason)
 
     def _check_shares(self, count: int) -> None:
         """Raise ValueError if there are fewer cells than ranks."""

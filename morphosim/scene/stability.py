@@ -296,7 +296,8 @@ def missed(scene: Scene) -> float:
         return 0.0
     if numerics.scheme == "imex1":
         return 1 - 1 / (1 + numerics.S * numerics.dt / _least_tau(scene))
-    lags = end / lag(scene)
+    least = np.finfo(float).tiny  # where a lag, or the share of it, is too small for a number
+    lags = max(end / max(lag(scene), least), least)
     return float(-np.expm1(-lags) / lags)
 
 

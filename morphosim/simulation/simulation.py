@@ -262,7 +262,7 @@ class Simulation(State):
 
         For observers, events, rules and conditions, and for other threads. All observers
         finish, so that a `RunWriter` saves the state, with the reason. Where no run is under way
-        it does nothing: the next begins with `stopped` empty.
+        nothing comes of it: the next begins with `stopped` empty.
 
         Parameters
         ----------
@@ -334,8 +334,6 @@ class Simulation(State):
                 observer.start(self)
                 started.append(observer)
             self._advance(watching)
-            if self.stopped:
-                self._tell(f"stop: {self.stopped}")
         except BaseException as error:
             ended = error
             if isinstance(error, SimulationError):
@@ -358,6 +356,7 @@ class Simulation(State):
                 ends = staged and self._stages.after_step(self)
                 tell_step(observers, self, ends)
                 check_interrupt()
+        self._tell(f"stop: {self.stopped}")
 
     def _is_stopped(self) -> bool:
         """Whether somebody has asked the run to end."""

@@ -11,6 +11,7 @@ from morphosim.cell_table import CellTable
 from morphosim.engine.box_pool import COLUMNS, BoxPool
 from morphosim.kernels.layout import Limits
 from morphosim.kernels.messages import pack, unpack
+from morphosim.mpi import distributed_simulation
 from morphosim.mpi import state_transfer as contents
 from morphosim.mpi.communicator import world
 from morphosim.mpi.decompose import owners, work
@@ -187,3 +188,19 @@ def test_missing_mpi4py_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mpi4py", None)
     with pytest.raises(ImportError, match=r"needs mpi4py .* pip install '\.\[mpi\]'"):
         world()
+
+
+def test_a_stop_that_comes_while_ranks_are_asked_ends_the_run_a_step_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By another thread; this rank does not end before the others."""
+    simulation = object.__new__(distributed_simulation.DistributedSimulation)
+
+    class Ranks:
+        def allgather(self, why: str) -> list[str]:
+            simulation.stop("meanwhile")
+            return ["", why]
+
+    monkeypatch.setattr(distributed_simulation, "world", Ranks)
+    assert [simulation._is_stopped() for _ in range(2)] == [False, True]
+    assert simulation.stopped == "meanwhile"
