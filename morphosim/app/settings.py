@@ -170,7 +170,6 @@ def facts(scene: Scene, rough: bool = False) -> dict[str, Any]:
         "gamma": exact(scene.physics.gamma),
         "duration": exact(scene.duration),
         "save_every": exact(scene.save_every),
-        "dt": exact(scene.numerics.dt),
         "numerics": {name: _numerics_facts(scene, name) for name in PRESET_NAMES},
         "has_shell": scene.confinement is not None,
         "stages": [stage.name for stage in scene.stages],

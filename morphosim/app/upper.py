@@ -52,10 +52,10 @@ class Upper:
         await self._desk.do(worker.warm_up)
 
     def close(self) -> None:
-        """End the simulation, which saves its state first."""
-        self.form.close()
+        """End the simulation, which saves its state first, and then all else."""
         if self._desk is not None:
             self._desk.close()
+        self.form.close()
 
     async def run(self) -> None:
         """Simulate what the form says."""

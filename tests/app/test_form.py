@@ -52,7 +52,8 @@ def settings(scene: Scene, source: Source = TWO, **changes: Any) -> Settings:
     values = {
         "source": source, "names": [cell["name"] for cell in found["cells"]],
         "types": [cell["type"] for cell in found["cells"]], "name": scene.name,
-        **{key: found[key] for key in ("sigma", "duration", "save_every", "dt")},
+        "dt": found["numerics"][OWN]["dt"],
+        **{key: found[key] for key in ("sigma", "duration", "save_every")},
     }  # fmt: skip
     return Settings(**(values | changes))
 

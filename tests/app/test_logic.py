@@ -4,6 +4,7 @@ import asyncio
 import threading
 from pathlib import Path
 from queue import Queue
+from types import SimpleNamespace
 
 import pytest
 
@@ -202,3 +203,15 @@ def test_a_run_is_offered_by_its_name(tmp_path: Path) -> None:
     asyncio.run(upper.run())
     assert ended == [state.run_name] == ["runs/new"]
     assert state.run_note == "runs/new is saved"
+
+
+def test_a_run_is_ended_and_saved_before_what_may_take_long(tmp_path: Path) -> None:
+    async def note(name: str) -> None:
+        """Hear of no run."""
+
+    closed: list[str] = []
+    upper = Upper(State(UPPER), Store(tmp_path), Streams(), note)
+    upper._desk = SimpleNamespace(close=lambda: closed.append("run"))  # type: ignore[assignment]
+    upper.form._saver = SimpleNamespace(close=lambda: closed.append("saver"))  # type: ignore[assignment]
+    upper.close()
+    assert closed == ["run", "saver"]
