@@ -71,13 +71,20 @@ def said_as_data(text: str, folder: Path) -> Confinement | None:
     FileNotFoundError
         An image is not in the folder.
     ValueError
-        The text is damaged, or names code.
+        The text is damaged, or names code; or it is of a packed run, and names a file.
     """
     table = toml_of(text, "the scene of the run")
-    if names_code(table.get("confinement"), CONFINEMENTS):
+    walls = table.get("confinement")
+    if names_code(walls, CONFINEMENTS):
         message = (
             "the run does not hold its surface, and its scene names code, which reading a run does "
             "not import"
+        )
+        raise ValueError(message)
+    if folder.is_file() and isinstance(walls, dict) and isinstance(walls.get("inside"), str):
+        message = (
+            f"the packed run does not hold its surface, and its scene names {walls['inside']!r}: a "
+            "packed run is read from its file alone"
         )
         raise ValueError(message)
     confinement: Confinement | None = confinement_of(table, folder)

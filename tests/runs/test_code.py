@@ -227,6 +227,19 @@ def test_what_is_data_or_has_no_surface_is_not_kept_as_a_mesh(
     assert not (run / "shell.npz").exists()
 
 
+def test_a_packed_run_is_read_from_its_file_alone(tmp_path: Path) -> None:
+    pack(saved(None, tmp_path / "run"), tmp_path / "packed.nc")
+    np.savez(tmp_path / "secret.npz", mask=cube().inside)
+    walls = f"[confinement]\nkind = 'mask'\ninside = '{tmp_path}/secret.npz:mask'"
+    with open_run(tmp_path / "packed.nc") as run:
+        said = run.assign_attrs(scene_toml=walls)
+        said.encoding["source"] = run.encoding["source"]
+        with pytest.warns(
+            UserWarning, match=r"is not drawn: .* names '.*secret\.npz:mask': a pack"
+        ):
+            assert run_confinement(said) is None
+
+
 def test_walls_that_are_an_image_are_packed_as_a_mesh(tmp_path: Path) -> None:
     run = saved(cube(), tmp_path / "run")
     pack(run, tmp_path / "packed.nc")
