@@ -206,6 +206,15 @@ def text(name: str, value: Any) -> None:
     _check_printable(name, value, lines=True)
 
 
+def words(name: str, value: Any) -> str:
+    """Return `value`, a text of at least a word, in one line; else raise as `text` does."""
+    text(name, value)
+    if not value.split():
+        message = f"{name} = {brief(value)}; expected a text not empty"
+        raise ValueError(message)
+    return " ".join(value.split())
+
+
 def label(name: str, value: Any, *, empty: bool = False) -> None:
     """Raise unless `value` is a text that may name something: of one line, and not too long."""
     if not isinstance(value, str) or not (empty or value.strip()):

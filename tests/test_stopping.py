@@ -153,7 +153,7 @@ class Halt:
     def apply(self, simulation: Simulation) -> None:
         simulation.stop("by an event")
 
-    def rehearse(self, rehearsal: Any) -> None: ...
+    rehearse = apply
 
 
 def _condition(simulation: Simulation) -> bool:
@@ -173,7 +173,7 @@ def test_events_and_conditions_stop_after_the_present_step() -> None:
 
 
 def test_another_thread_stops() -> None:
-    simulation = Simulation(scene(duration=1e9))
+    simulation = Simulation(scene(duration=2e4))
     begun = threading.Event()
 
     def watch(simulation: Simulation) -> None:
@@ -188,6 +188,7 @@ def test_another_thread_stops() -> None:
     simulation.run(observers=[watch])
     other.join()
     assert simulation.stopped == "from outside"
+    assert not simulation.finished
 
 
 def test_an_observer_may_stop_before_the_first_step(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_boundary_voxels_are_common_to_both_dilated_cells() -> None:
 
 
 def test_boundaries_are_counted_by_pair() -> None:
-    labels = np.zeros((6, 4, 1), int)
+    labels = np.zeros((6, 4, 1), np.uint64)
     labels[:3, :2], labels[3:, :2], labels[:3, 2:] = 5, 2, 9
     # 2 voxels of either side along x, 3 along y; 2 and 9 meet at an edge alone
     assert boundary_voxels(labels) == {(2, 5): 2, (5, 9): 3}

@@ -75,7 +75,8 @@ def _face_pairs(labels: NDArray[np.integer]) -> Iterator[Integers]:
         for values, shift in ((high, 0), (low, 1)):
             place = [at[0] + shift, at[1], at[2]]
             place.insert(axis, place.pop(0))
-            yield np.stack([np.ravel_multi_index(place, labels.shape), values[at]], axis=1)
+            found = [np.ravel_multi_index(place, labels.shape), values[at]]
+            yield np.stack(found, axis=1, dtype=np.int64)
 
 
 def _on_voxels(field: CellField, spacing: float, voxel: float) -> CellField:

@@ -127,6 +127,10 @@ class Rehearsal:
         self.physics.check(self.possible_names, self.possible_types)
         self.courses.append(self.physics)
 
+    def stop(self, why: str) -> None:
+        """End the run; what would come after is rehearsed all the same, as the run may go on."""
+        _validate.words("why", why)
+
     def check_type(self, name: str, kind: str) -> None:
         """Raise ValueError if no cell can ever have this type."""
         if not self.silent:

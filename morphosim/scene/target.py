@@ -68,6 +68,9 @@ class Changeable(Protocol):
     def change_physics(self, **values: Any) -> None:
         """Give the physics other values."""
 
+    def stop(self, why: str) -> None:
+        """End the run after the present step; see `Simulation.stop`."""
+
 
 class Foreseen(Changeable, Protocol):
     """What is known of a simulation before its first step; see `scene.rehearsal`."""

@@ -286,11 +286,7 @@ class Simulation(State):
         >>> simulation.time, simulation.stopped
         (10.0, 'long enough')
         """
-        _validate.text("why", why)
-        words = " ".join(why.split())
-        if not words:
-            message = f"why = {why!r}; expected a text that says why the run is to stop"
-            raise ValueError(message)
+        words = _validate.words("why", why)
         self.stopped = self.stopped or words
 
     def run(
