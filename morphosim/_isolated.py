@@ -37,6 +37,7 @@ def isolated(function: Callable[..., T], *arguments: Any) -> T:
     function : Callable
         Found by its module and name; what it takes and gives can be pickled.
     *arguments
+        Paths must be absolute: the process stays in the folder where it was started.
 
     Raises
     ------

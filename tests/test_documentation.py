@@ -179,5 +179,6 @@ def modules_with_examples() -> Iterator[str]:
 
 
 @pytest.mark.parametrize("name", list(modules_with_examples()))
+@pytest.mark.usefixtures("own_variables")
 def test_docstrings_say_what_happens(name: str) -> None:
     assert doctest.testmod(import_module(name)).failed == 0

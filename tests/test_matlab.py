@@ -192,6 +192,18 @@ def test_saved_state_of_every_version(tmp_path: Path, table: Path, write: Any) -
         assert cell.target_volume(0) == pytest.approx(12 * 0.9 * 0.125)
 
 
+def test_files_are_those_of_the_present_folder(
+    tmp_path: Path, masks: Path, table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The process that reads them has begun in another."""
+    import_matlab(masks, table)
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        Path(f"{name}.mat").write_bytes(masks.read_bytes())
+        assert import_matlab(f"{name}.mat", table).names == NAMES
+
+
 def test_targets_from_a_second_file_of_masks(tmp_path: Path, masks: Path, table: Path) -> None:
     state = {"phi_save": matlab_axes(fields()[1:])}
     path = write_v5(tmp_path / "state.mat", state, {"CellIdx": np.array([2, 3])})

@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -28,7 +28,6 @@ from morphosim import Simulation, load_scene
 from morphosim.accessor import MorphoAccessor
 from morphosim.cli import main
 from morphosim.cli.app import app
-from morphosim.runs.measured_state import MEASURED
 
 from .documented import (
     INSTEAD,
@@ -212,15 +211,6 @@ def _replaced(text: str, words: Mapping[str, str]) -> str:
     return text
 
 
-@pytest.fixture
-def _own_variables() -> Iterator[None]:
-    """Variables that a page measures end with it."""
-    before = dict(MEASURED)
-    yield
-    for name in MEASURED.keys() - before.keys():
-        del MEASURED[name]
-
-
 def follow(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Do what a page says, in the present folder."""
     files_of_a_user(Path.cwd())
@@ -235,7 +225,7 @@ def follow(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-@pytest.mark.usefixtures("_own_variables")
+@pytest.mark.usefixtures("own_variables")
 def test_a_page_by_the_letter(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     follow(path, monkeypatch)

@@ -22,7 +22,7 @@ def read_mat(path: Path, wanted: Sequence[str], also: Sequence[str] = ()) -> dic
         start = file.read(1024)
     is_hdf5 = start.find(b"\x89HDF\r\n\x1a\n") in (0, 512)
     read = _read_hdf5 if is_hdf5 else _read_classic
-    names, found = guarded(path, lambda: isolated(read, path, (*wanted, *also)))
+    names, found = guarded(path, lambda: isolated(read, path.absolute(), (*wanted, *also)))
     if not any(name in found for name in wanted):
         message = f"{path} has no variable {' or '.join(wanted)}; it holds {listed(names)}"
         raise ValueError(message)
