@@ -247,7 +247,8 @@ def test_random_extreme_scenes_end_well(call: Any, tmp_path: Path) -> None:
     assert {"finished", "diverged"} <= set(found)
 
 
-EXTREMES = range(8)
+EXTREMES = (0, 1, 2, 5, 6, 7)
+"""Seeds; 3 and 4 end as 0 does, and each compiles kernels of its own."""
 
 
 def test_a_run_does_not_end_before_what_it_has_reached(call: Any, tmp_path: Path) -> None:
