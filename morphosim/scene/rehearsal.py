@@ -203,7 +203,7 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
         with _validate.told_of(where):
             longest = stage.longest
             steps = math.inf if math.isinf(longest) else numerics.steps_to(longest, "duration")
-        every = max(round(stage.rules_every / numerics.dt), 1)
+        every = stage.rules_interval(numerics.dt)
         if every < steps and every <= numerics.steps_to(duration):
             again = f"{where}, as rules_every = {stage.rules_every:g} have passed: rules"
             _apply(rehearsal, stage.rules, again)

@@ -83,6 +83,10 @@ class Stage:
         lasts = self.end.time if isinstance(self.end, Duration) else math.inf
         return lasts if self.limit is None else min(lasts, self.limit)
 
+    def rules_interval(self, dt: float) -> int:
+        """Steps between two times that its rules are applied: at least one."""
+        return max(round(self.rules_every / dt), 1)
+
     @property
     def daughters(self) -> list[str]:
         """Names of cells that its events and rules may bring about."""

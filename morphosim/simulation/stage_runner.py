@@ -101,7 +101,7 @@ class StageRunner:
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
             self.index, self.begun, self.last, self.back = self.index + 1, -1, None, None
             return True
-        if steps % max(round(stage.rules_every / dt), 1) == 0:
+        if steps % stage.rules_interval(dt) == 0:
             self._apply_rules(simulation, stage)
         return False
 

@@ -35,11 +35,7 @@ def celegans_contacts(stage: int) -> dict[tuple[str, str], str]:
         There is no table of this stage.
     """
     _validate.choice("stage", stage, CONTACT_STAGES)
-    return {
-        (row["cell1"], row["cell2"]): row["status"]
-        for row in _rows("celegans_contacts.csv")
-        if row["stage"] == str(stage)
-    }
+    return _of_stage(stage, "celegans_contacts.csv", "status")
 
 
 def celegans_contact_areas(stage: int = 4) -> dict[tuple[str, str], float]:
@@ -57,13 +53,12 @@ def celegans_contact_areas(stage: int = 4) -> dict[tuple[str, str], float]:
         There are no areas of this stage.
     """
     _validate.choice("stage", stage, AREA_STAGES)
-    return {
-        (row["cell1"], row["cell2"]): float(row["area_um2"])
-        for row in _rows("celegans_contact_areas.csv")
-        if row["stage"] == str(stage)
-    }
+    found = _of_stage(stage, "celegans_contact_areas.csv", "area_um2")
+    return {pair: float(area) for pair, area in found.items()}
 
 
-def _rows(name: str) -> list[dict[str, str]]:
-    text = (files("morphosim.importers.lineage") / name).read_text(encoding="utf-8")
-    return list(csv.DictReader(io.StringIO(text)))
+def _of_stage(stage: int, table: str, column: str) -> dict[tuple[str, str], str]:
+    """A column of a table, by pairs of cells of a stage."""
+    text = (files("morphosim.importers.lineage") / table).read_text(encoding="utf-8")
+    rows = csv.DictReader(io.StringIO(text))
+    return {(row["cell1"], row["cell2"]): row[column] for row in rows if row["stage"] == str(stage)}
