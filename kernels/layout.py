@@ -119,6 +119,21 @@ class Scheme(NamedTuple):
     e1: Any
 
 
+class Linearisation(NamedTuple):
+    """A step of the scheme "linearised"; see `linearised`. Numbers are in the type of the fields."""
+
+    lhs: np.ndarray
+    """(N,) 3 τ / 2 δt, or τ / δt of cells without history."""
+    rate: Any
+    """τ / δt."""
+    growth: Any
+    """The next δt as a share of this one."""
+    spread: Any
+    """s, the stabilisation, as an addition to γ."""
+    stiffness: np.ndarray
+    """(N,) float64, - ∂p/∂v h³: what one more of Σ φ takes off the pressure."""
+
+
 class Cosines(NamedTuple):
     """Cosine matrices and eigenvalues of -Δ for all box sizes in use."""
 

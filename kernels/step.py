@@ -28,7 +28,7 @@ from morphosim.kernels.frames import (
 )
 from morphosim.kernels.helmholtz import helmholtz_solve
 
-PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 5
+PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 6
 """A thread's frames; each holds that of the largest box."""
 GUARD = 1
 """Rows of the band beyond those where |φ| exceeds the tolerance."""

@@ -30,6 +30,7 @@ COLUMNS = (
     Column("plane_start", np.int64, inherits=False, saved=False),
     Column("lost", inherits=False),
     Column("surveys", shape=(N_SURVEYED,), inherits=False),
+    Column("ahead", inherits=False),
 )
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
 Integers = NDArray[np.int64]
@@ -87,34 +88,39 @@ class BoxPool:
         With `COLUMNS`, which this keeps.
     dtype : of the fields
     limits : Limits
-    with_history : bool
-        Whether the scheme has a history.
+    memory : {"history", "extrapolation", "none"}
+        What the scheme remembers: Hⁿ, 0 at first, or φ*, φ at first, in which forces are taken.
     band_only : bool
         Whether the solver works on the narrow band alone, outside of which φ is 0.
 
     Attributes
     ----------
     phi : 1-D pool of φⁿ
-    history : 1-D pool of the scheme's history Hⁿ, or None
+    history : 1-D pool of the scheme's history Hⁿ, or of the extrapolation φ*, or None
     band : (planes, 2) int32
         Rows of each plane of each box where the field is not 0, `GUARD` more than where it
         exceeds the tolerance.
     """
 
     def __init__(
-        self, cells: CellTable, dtype: DTypeLike, limits: Limits, with_history: bool,
+        self, cells: CellTable, dtype: DTypeLike, limits: Limits, memory: str,
         band_only: bool,
     ) -> None:  # fmt: skip
         self.cells = cells
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         self.limits, self.band_only = limits, band_only
         self.phi: Real = np.zeros(0, dtype)
-        self.history: Real | None = np.zeros(0, dtype) if with_history else None
+        self.history: Real | None = None if memory == "none" else np.zeros(0, dtype)
+        self.memory = memory
         self.band = np.zeros((0, 2), np.int32)
         self._slots, self._planes = Slots(), Slots()
 
     def __len__(self) -> int:
         return len(self.cells)
+
+    @property
+    def _extrapolates(self) -> bool:
+        return self.memory == "extrapolation"
 
     @property
     def origin(self) -> Integers:
@@ -145,6 +151,16 @@ class BoxPool:
     def surveys(self) -> NDArray[np.float64]:
         """(N, N_SURVEYED) what `kernels.boxes.survey` has found."""
         return self.cells["surveys"]
+
+    @property
+    def acting(self) -> Real:
+        """1-D pool of the fields in which forces are taken: φⁿ, or the extrapolation φ*."""
+        return self.history if self._extrapolates and self.history is not None else self.phi
+
+    @property
+    def totals(self) -> NDArray[np.float64]:
+        """(N,) Σ over each cell's field in `acting`."""
+        return self.cells["ahead"] if self._extrapolates else self.surveys[:, TOTAL]
 
     @property
     def boxes(self) -> Boxes:
@@ -184,9 +200,8 @@ class BoxPool:
         self._take(rows)
         for i, (_, phi) in zip(rows.tolist(), laid, strict=True):
             self.box(i)[:] = phi
-            if self.history is not None:
-                self.box(i, self.history)[:] = 0
             self.survey(i)
+        self.forget(rows.tolist())
         self.lost[rows] = given - self.surveys[rows, TOTAL]
 
     def release(self, rows: Iterable[int]) -> None:
@@ -195,10 +210,11 @@ class BoxPool:
             self._release(i)
 
     def forget(self, rows: Iterable[int]) -> None:
-        """Set the histories of cells to 0."""
+        """Begin the histories of cells anew."""
         if self.history is not None:
             for i in rows:
-                self.box(i, self.history)[:] = 0
+                self.box(i, self.history)[:] = self.box(i) if self._extrapolates else 0
+                self.cells["ahead"][i] = self.surveys[i, TOTAL]
 
     def contents(self, cells: Integers | None = None) -> dict[str, NDArray]:
         """Fields, histories and bands, box after box, of all cells or of those given."""
@@ -236,10 +252,10 @@ class BoxPool:
         self.origin[:], self.shape[:] = origin, shape
         new = np.setdiff1d(np.arange(len(origin)), places)
         self._take(new)
-        self.forget(new.tolist())
         for i in new.tolist():
             self.box(i)[:] = 0
             self.band[self.plane_start[i] : self.plane_start[i] + shape[i, 0]] = 0
+        self.forget(new.tolist())
 
     def fill(self, cells: Integers, contents: Mapping[str, NDArray]) -> None:
         """Put the fields, histories and bands of `contents` into boxes of the same shapes."""

@@ -80,10 +80,10 @@ class Coupling:
         """Sum over the cells of the present state."""
         if not self.acts:
             return
-        accumulate(self.lists, pool.phi, pool.boxes, self.interaction, self._cover.columns)
+        accumulate(self.lists, pool.acting, pool.boxes, self.interaction, self._cover.columns)
         if self._interactions.pairs is not None:
             accumulate_pairs(
-                schedule.bounds, schedule.order, self._interactions.pairs, pool.phi, pool.boxes,
+                schedule.bounds, schedule.order, self._interactions.pairs, pool.acting, pool.boxes,
                 self._pair_potential,
             )  # fmt: skip
 

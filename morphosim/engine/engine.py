@@ -49,6 +49,8 @@ COLUMNS = (
 `frozen` cells act on others and are not stepped; `target` is the target volume V(t), µm³; a `fresh`
 cell has no history, and makes a first-order start (Eq. 8); `face_peak` is its certificate.
 """
+MEMORIES = {"bdf2": "history", "linearised": "extrapolation"}
+"""What the pool keeps for each scheme, besides φⁿ."""
 Fields = Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]]
 
 
@@ -104,8 +106,8 @@ class Engine(CellView):
         real = self.dtype.type
         self._limits = Limits(*(real(v) for v in (numerics.box_tolerance, RUNAWAY, 0.5)))
         self.solver = make_solver(numerics, self.dtype, self.workers)
-        has_history = numerics.scheme == "bdf2"
-        self.pool = BoxPool(self.cells, self.dtype, self._limits, has_history, self.solver.on_band)
+        memory = MEMORIES.get(numerics.scheme, "none")
+        self.pool = BoxPool(self.cells, self.dtype, self._limits, memory, self.solver.on_band)
         self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._coupling = Coupling(self.dtype, self.workers)
         self._workspace = Workspace(self.workers, self.dtype)
@@ -184,7 +186,7 @@ class Engine(CellView):
             self._values = self._values._replace(fresh=self.cells["fresh"])
         return StepState(
             self._schedule, self.pool, self._values, self._coupling, self._workspace,
-            self._stencil, self._limits, self._later, self._first,
+            self._stencil, self._limits, self._later, self._first, self._forces.stiffness,
         )  # fmt: skip
 
     def contents(self) -> dict[str, NDArray]:
@@ -279,7 +281,8 @@ class Engine(CellView):
         self._coupling.set_up(environment, cells, self.everyone)
         tensions = physics.surface_tension.tensions(cells)
         self.solver.set_up(physics, tensions, np.unique(all_tensions))
-        self._forces = Forces(np.zeros(len(cells)), np.zeros((len(cells), 3)))
+        n = len(cells)
+        self._forces = Forces(np.zeros(n), np.zeros((n, 3)), np.zeros(n))
         self._values = self._cell_terms(tensions)
         self._first, self._later = self._scheme(True), self._scheme(False)
 
@@ -319,8 +322,9 @@ class Engine(CellView):
     def _add_up_forces(self) -> None:
         """Pressure and drift of this step, from all terms."""
         forces, values = self._forces, self._values
-        step = Step(self.steps, self.numerics.dt, self.numerics.seed, self.volumes)
-        forces.pressure[:] = 0
+        volumes = self.pool.totals * self.numerics.spacing**3
+        step = Step(self.steps, self.numerics.dt, self.numerics.seed, volumes)
+        forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0
         for term in self._terms:

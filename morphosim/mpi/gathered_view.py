@@ -172,7 +172,7 @@ class GatheredView:
         cells, none = CellTable(box_pool.COLUMNS), np.zeros(0, np.int64)
         cells.arrange(none, none, len(state["origin"]))
         cells.fill({c.name: state[c.name] for c in box_pool.COLUMNS if c.saved})
-        pool = BoxPool(cells, like.dtype, like.limits, like.history is not None, like.band_only)
+        pool = BoxPool(cells, like.dtype, like.limits, like.memory, like.band_only)
         pool.restore(state)
         return state, pool
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.box_pool import BoxPool
-from morphosim.kernels.boxes import TOTAL
 from morphosim.kernels.messages import pack, unpack
 from morphosim.mpi.ghost_regions import Portion
 
@@ -134,15 +133,15 @@ class GhostExchange:
         incoming = {p: self._comm.Irecv(box.bytes, p) for p, box in self._gets.items()}
         outgoing = []
         for partner, box in self._sends.items():
-            box.sums[:] = pool.surveys[box.places, TOTAL]
-            count = pack(box.places, box.low, box.high, pool.phi, boxes, box.rows, box.values)
+            box.sums[:] = pool.totals[box.places]
+            count = pack(box.places, box.low, box.high, pool.acting, boxes, box.rows, box.values)
             used = box.bytes[: box.bytes.size - box.values.nbytes + count * box.values.itemsize]
             outgoing.append(self._comm.Isend(used, partner))
             traffic.fields += used.nbytes
         for partner, box in self._gets.items():
             incoming[partner].Wait()
-            pool.surveys[box.places, TOTAL] = box.sums
-            unpack(box.places, box.low, box.high, pool.phi, boxes, box.rows, box.values)
+            pool.totals[box.places] = box.sums
+            unpack(box.places, box.low, box.high, pool.acting, boxes, box.rows, box.values)
         for request in outgoing:
             request.Wait()
         traffic.messages += len(outgoing)

@@ -8,8 +8,8 @@ import numpy as np
 from morphosim import _validate
 from morphosim.numerics.threads import automatic_threads
 
-SCHEMES = ("bdf2", "imex1", "euler")
-SOLVERS = {"dct": "cosine", "band": "band"}
+SCHEMES = ("bdf2", "imex1", "euler", "linearised")
+SOLVERS = {"dct": "cosine", "band": "band", "linearised": "linearised"}
 """Solvers, and the modules of `engine.solvers` that make them."""
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
@@ -107,7 +107,7 @@ class Numerics:
         _validate.choice("numerics.scheme", self.scheme, SCHEMES)
         if self.start_S is not None:
             _validate.number("numerics.start_S", self.start_S, least=0)
-        _validate.choice("numerics.solver", self.solver, SOLVERS)
+        _validate.choice("numerics.solver", self.solver, ("dct", "band"))
         _validate.integer("numerics.sweeps", self.sweeps, least=2, most=MOST_SWEEPS)
         _validate.number("numerics.spacing", self.spacing, above=0)
         _validate.choice("numerics.order", self.order, (2, 4, 6))
@@ -150,7 +150,8 @@ class Numerics:
     @property
     def active_solver(self) -> str:
         """The solver at work: explicit Euler has that of the band alone."""
-        return "band" if self.scheme == "euler" else self.solver
+        own = {"euler": "band", "linearised": "linearised"}
+        return own.get(self.scheme, self.solver)
 
     @property
     def worker_count(self) -> int:

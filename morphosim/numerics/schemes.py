@@ -26,6 +26,9 @@ def coefficients(numerics: Numerics, tau: float, first: bool) -> dict[str, float
     rate, S = tau / numerics.dt, numerics.S
     if numerics.scheme == "euler":
         return {"lhs": 0.0, "a0": 0.0, "a1": 1.0, "b0": 0.0, "b1": 0.0, "e0": 1.0, "e1": 0.0}
+    if numerics.scheme == "linearised":
+        lhs = rate if first else 1.5 * rate
+        return {"lhs": lhs} | dict.fromkeys(("a0", "a1", "b0", "b1", "e0", "e1"), 0.0)
     history = {"b0": -(rate / 2 + S), "b1": -1.0}
     if numerics.scheme == "bdf2" and not first:
         extrapolation = {"e0": 2.0, "e1": 1 / (rate / 2 + S)}

@@ -70,10 +70,14 @@ class Forces:
         p of p |∇φ|, per cell.
     drift : (N, 3) float64
         d of d·∇φ, per cell. A cell drifts with the velocity -d/τ.
+    stiffness : (N,) float64
+        - ∂p/∂v, per cell and µm³: by how much the pressures fall as the volume rises. The scheme
+        "linearised" takes that into account.
     """
 
     pressure: Floats
     drift: Floats
+    stiffness: Floats
 
     __repr__ = short_repr
 

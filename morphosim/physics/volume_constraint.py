@@ -52,8 +52,10 @@ class VolumeConstraint(Term):
         """Add the pressure."""
         if self.kind == "relative":
             forces.pressure[:] += self.strength * (1 - step.volumes / cells["target"])
+            forces.stiffness[:] += self.strength / cells["target"]
         else:
             forces.pressure[:] += self.strength * (cells["target"] - step.volumes)
+            forces.stiffness[:] += self.strength
 
     def whole_cell_rate(self, conditions: Conditions) -> float:
         """M' A / V or M A, A the surface, of the cell that is worst off, taken as a ball."""

@@ -109,7 +109,7 @@ def test_columns_under_a_cell_are_those_of_all_ghost_cells() -> None:
 def pool_of() -> BoxPool:
     limits = Limits(*np.array([1e-3, 4.0, 0.5]))
     cells = CellTable(COLUMNS)
-    pool = BoxPool(cells, np.float64, limits, True, False)
+    pool = BoxPool(cells, np.float64, limits, "history", False)
     axes = np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij")
     distance = np.sqrt(sum((x - 11.5) ** 2 for x in axes))
     ball = 0.5 * (1 + np.tanh(6 - distance))

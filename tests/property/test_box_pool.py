@@ -38,7 +38,7 @@ class Expected:
 def new_pool(band_only: bool) -> BoxPool:
     """A pool of fields in double precision with histories."""
     limits = Limits(*np.array([TOLERANCE, 4.0, 0.5]))
-    return BoxPool(CellTable(COLUMNS), np.float64, limits, True, band_only)
+    return BoxPool(CellTable(COLUMNS), np.float64, limits, "history", band_only)
 
 
 def add(pool: BoxPool, fields: list[tuple[NDArray, NDArray]]) -> None:

@@ -30,6 +30,8 @@ class StepState(NamedTuple):
     """The scheme of cells with history."""
     first: Scheme
     """The scheme of cells without."""
+    stiffness: NDArray[np.float64]
+    """(N,) - ∂p/∂v: how the pressures fall as volumes rise, per µm³."""
 
     def acting(self) -> tuple[Any, ...]:
         """What all step kernels begin with: cells, fields, and what acts on them."""
