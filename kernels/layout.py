@@ -120,16 +120,14 @@ class Scheme(NamedTuple):
 
 
 class Linearisation(NamedTuple):
-    """A step of the scheme "linearised"; see `linearised`. Numbers are in the type of the fields."""
+    """Numbers of a step of the scheme "linearised"; see `linearised`."""
 
     lhs: np.ndarray
-    """(N,) 3 τ / 2 δt, or τ / δt of cells without history."""
+    """(N,) τ/δt (1 + 2r) / (1 + r), or τ/δt of cells without history, in the type of the fields."""
     rate: Any
-    """τ / δt."""
-    growth: Any
-    """The next δt as a share of this one."""
+    """τ/δt, likewise."""
     spread: Any
-    """s, the stabilisation, as an addition to γ."""
+    """s, the stabilisation, likewise."""
     stiffness: np.ndarray
     """(N,) float64, - ∂p/∂v h³: what one more of Σ φ takes off the pressure."""
 

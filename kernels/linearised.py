@@ -1,22 +1,25 @@
 """The linearly implicit step on the narrow band (scheme "linearised").
 
-Forces are taken at the extrapolation φ* = φⁿ + δt v, v = (φⁿ - φⁿ⁻¹) / δt, and linearised about it
+Forces are taken at the extrapolation φ* = φⁿ + r (φⁿ - φⁿ⁻¹), r = δt / δtⁿ, and linearised about it
 where their derivative is local. With u = φⁿ⁺¹ - φ* and backward differences of second order
 
-    (lhs + D - (γ + s) Δ) u = F(φ*) + γ Δφ* - τ v - q |∇φ*|,      lhs = 3 τ / 2 δt
-    D = γ c W''(φ*) + R
+    (lhs + D - (γ + s) Δ) u = F(φ*) + γ Δφ* - τ/δt (φ* - φⁿ) - q |∇φ*|
+    lhs = τ/δt (1 + 2r) / (1 + r),    D = γ c W''(φ*) + R
 
 R is the repulsion by other cells and walls, and s the stabilisation of what stays explicit. The
 pressure follows the new volume, p(∫ φ* + ∫ u): q = - p' ∫ u, where ∫ u is the solution of the
 equation's integral for u along |∇φ*|, as that of a moving interface is.
 
 The iterations are those of `chebyshev`, whose diagonal varies here. They begin with u = 0.
+
+A step is tried (`try_steps`), which changes no field, and then taken (`take_steps`), or tried again
+with another δt, for which φ* is laid elsewhere on the same line (`stretch`).
 """
 
 import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import choose, entry, kernel, parallel_kernel
+from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import force
@@ -31,10 +34,12 @@ from morphosim.kernels.frames import (
     strides,
 )
 from morphosim.kernels.stencils import derivative, weighted_neighbours
-from morphosim.kernels.step import GUARD, settle
+from morphosim.kernels.step import GUARD
 
 PHI, PSI, RHS, LAST, U, DAMPING = 0, 1, 2, 3, 4, 5
 """A thread's frames. When ψ has been read, its frame serves the iterations."""
+MISSED, MOVED, SLOPE, N_CHANGES = 0, 1, 2, 3
+"""What a tried step tells of each cell: Σ u², Σ (φⁿ⁺¹ - φⁿ)² and Σ |∇φ*|²."""
 
 
 @kernel()
@@ -47,7 +52,7 @@ def plane_residual(
     c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
     zero = half - half
     three = half + half + half + half + half + half
-    sum_residual, sum_slope, sum_damped = zero, zero, zero
+    sum_residual, sum_slope, sum_damped, sum_square = zero, zero, zero, zero
     for p in range(low, high):
         value = phi[p]
         total = force(
@@ -57,7 +62,8 @@ def plane_residual(
         gx = derivative(phi, p, sx, c1, c2, c3)
         gy = derivative(phi, p, sy, c1, c2, c3)
         gz = derivative(phi, p, sz, c1, c2, c3)
-        slope = np.sqrt(gx * gx + gy * gy + gz * gz)
+        square = gx * gx + gy * gy + gz * gz
+        slope = np.sqrt(square)
         local = well * (half - three * (value - value * value))
         if use_repulsion is not None:
             local += rhs[p]
@@ -65,26 +71,28 @@ def plane_residual(
         total -= rate * (value - last[p])
         sum_residual += total
         sum_slope += slope
+        sum_square += square
         sum_damped += local * slope
         damping[p] = local
         slopes[p] = slope
         rhs[p] = total + gamma * (around + (stencil.l0 + stencil.l0 + stencil.l0) * value)
-    return sum_residual, sum_slope, sum_damped
+    return sum_residual, sum_slope, sum_damped, sum_square
 
 
 @kernel()
 def residual(i, boxes, terms, frames, psi, stencil, rate, half, sums, use_repulsion):
     """Right-hand side but for q, |∇φ*| and D of cell i, into frames RHS, U and DAMPING.
 
-    The first three of `sums` are overwritten with Σ (F - τ v), Σ |∇φ*| and Σ D |∇φ*|. The frame RHS has R.
+    The frame RHS has R. The first four of `sums` are overwritten with Σ (F - τ/δt (φ* - φⁿ)),
+    Σ |∇φ*|, Σ D |∇φ*| and Σ |∇φ*|².
     """
     sx, sy = strides(i, boxes)
     drift = terms.drift
     dx, dy, dz = entry(drift, i, 0), entry(drift, i, 1), entry(drift, i, 2)
-    sums[0] = sums[1] = sums[2] = 0.0
+    sums[:4] = 0.0
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, False, sx, sy)
-        a, b, c = plane_residual(
+        a, b, c, d = plane_residual(
             low, high, frames[PHI], psi, frames[RHS], frames[LAST], frames[U], frames[DAMPING],
             np.uint64(sx), np.uint64(sy), stencil, rate, terms.gamma[i], terms.well[i], half,
             terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
@@ -92,6 +100,7 @@ def residual(i, boxes, terms, frames, psi, stencil, rate, half, sums, use_repuls
         sums[0] += a
         sums[1] += b
         sums[2] += c
+        sums[3] += d
 
 
 @kernel()
@@ -135,73 +144,61 @@ def solve(i, boxes, terms, frames, stencil, lhs, spread, q, one):
 
 
 @kernel()
-def add_band(i, boxes, frame, target):
-    """Add a frame to another on the band of cell i."""
+def add_prediction(i, boxes, frame, phi, last):
+    """Add φ* to u, given in `frame`, on the band of cell i; return Σ u² and Σ (φⁿ⁺¹ - φⁿ)²."""
     sx, sy = strides(i, boxes)
+    missed = moved = 0.0
+    zero = frame.dtype.type(0)
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, False, sx, sy)
+        sum_missed, sum_moved = zero, zero
         for p in range(low, high):
-            target[p] += frame[p]
+            u = frame[p]
+            value = phi[p] + u
+            change = value - last[p]
+            frame[p] = value
+            sum_missed += u * u
+            sum_moved += change * change
+        missed += sum_missed
+        moved += sum_moved
+    return missed, moved
 
 
 @kernel()
-def extrapolate_row(frame, last, source, target, goal, count, growth):
-    """φ* of the next step along one row; return its sum."""
-    for k in range(np.uint64(count)):
-        value = frame[source + k]
-        target[goal + k] = value + growth * (value - last[source + k])
-    return row_total(target, goal, count)
-
-
-@kernel()
-def accept(
-    i, phi, ahead, frame, last, growth, boxes, limits, found, out, surveys, lost, sums_ahead
-):  # fmt: skip
-    """Survey the new field of cell i, given on its band, and store it with its extrapolation.
-
-    Rows that leave the band are set to 0; what was there is counted in `lost`.
-    """
+def keep(i, frame, boxes, limits, found, new, rows, survey_of):
+    """Survey the new field of cell i, given on its band, and keep field, survey and band."""
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
     sx, sy = strides(i, boxes)
     plane = boxes.plane_start[i]
     survey(
         frame, frame_index(0, 0, 0, sx, sy), sx, sy, nx, ny, nz,
-        boxes.band[plane : plane + nx], False, limits, found, out,
+        boxes.band[plane : plane + nx], False, limits, found, survey_of,
     )  # fmt: skip
-    if out[BAD] == 0:
-        widen(found, GUARD, nx, ny)
-        total = 0.0
-        for x in range(nx):
-            y0, y1 = band_rows(x, i, boxes, False)
-            for y in range(y0, y1):
-                source = np.uint64(frame_index(x, y, 0, sx, sy))
-                goal = np.uint64(boxes.start[i] + (x * ny + y) * nz)
-                if found[x, 0] <= y < found[x, 1]:
-                    copy_row(frame, source, phi, goal, nz)
-                    total += extrapolate_row(frame, last, source, ahead, goal, nz, growth)
-                else:
-                    dropped = row_total(frame, source, nz)
-                    lost[i] += dropped
-                    out[TOTAL] -= dropped
-                    clear_row(phi, goal, nz)
-                    clear_row(ahead, goal, nz)
-        sums_ahead[i] = total
-    settle(i, boxes, found, out, surveys)
+    widen(found, GUARD, nx, ny)
+    rows[plane : plane + nx] = found[:nx]
+    for x in range(nx):
+        y0, y1 = band_rows(x, i, boxes, False)
+        for y in range(y0, y1):
+            goal = np.uint64(boxes.start[i] + (x * ny + y) * nz)
+            copy_row(frame, np.uint64(frame_index(x, y, 0, sx, sy)), new, goal, nz)
 
 
 @parallel_kernel()
-def step_linearised(
+def try_steps(
     bounds, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, found, measured, stencil, linear, limits, surveys, lost, sums_ahead, use_repulsion,
+    work, found, measured, stencil, linear, limits, new, rows, surveys, changes, use_repulsion,
     use_psi,
 ):  # fmt: skip
-    """Advance every cell of `order`.
+    """Solve for the new field of every cell of `order`.
 
     Parameters as for `step_band`, but
 
-    ahead : 1-D pool of φ*, updated; it is what cells feel of each other in `columns`
+    phi, ahead : 1-D pools of φⁿ and φ*; the latter is what cells feel of each other in `columns`
     linear : Linearisation
-    sums_ahead : (N,) float64, overwritten with Σ φ*
+    new : 1-D pool, overwritten with φⁿ⁺¹ on the bands; it may be `ahead`
+    rows : (planes, 2) int32, overwritten with the new bands
+    surveys : (N, N_SURVEYED), overwritten
+    changes : (N, N_CHANGES) float64, overwritten
     """
     for worker in prange(bounds.shape[0] - 1):
         frames = work[worker]
@@ -229,15 +226,100 @@ def step_linearised(
                 residual(
                     i, boxes, terms, frames, None, stencil, linear.rate, limits.half, sums, None
                 )  # fmt: skip
-            lhs = linear.lhs[i]
-            stiff = linear.stiffness[i]
-            damping = sums[2] / max(sums[1], 1e-9)
-            q = stiff * sums[0] / (lhs + damping + stiff * sums[1])
+            stiff, slope = linear.stiffness[i], sums[1]
+            implicit = linear.lhs[i] * slope + sums[2] + stiff * slope * slope
+            q = stiff * sums[0] * slope / implicit if implicit > 0 else 0.0
             result = solve(
-                i, boxes, terms, frames, stencil, lhs, linear.spread, frames.dtype.type(q), one
+                i, boxes, terms, frames, stencil, linear.lhs[i], linear.spread,
+                frames.dtype.type(q), one,
             )  # fmt: skip
-            add_band(i, boxes, frames[PHI], frames[result])
-            accept(
-                i, phi, ahead, frames[result], frames[LAST], linear.growth, boxes, limits,
-                found[worker], measured[worker], surveys, lost, sums_ahead,
-            )  # fmt: skip
+            changes[i, SLOPE] = sums[3]
+            changes[i, MISSED], changes[i, MOVED] = add_prediction(
+                i, boxes, frames[result], frames[PHI], frames[LAST]
+            )
+            keep(i, frames[result], boxes, limits, found[worker], new, rows, surveys[i])
+
+
+@inline_kernel()
+def advance_row(new, phi, ahead, first, count, growth):
+    """φⁿ⁺¹ into `phi`, and its extrapolation into `ahead`, along one row; return its sum."""
+    total = 0.0
+    for k in range(first, first + np.uint64(count)):
+        value = new[k]
+        extrapolated = value + growth * (value - phi[k])
+        phi[k] = value
+        ahead[k] = extrapolated
+        total += extrapolated
+    return total
+
+
+@kernel()
+def take_step(i, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals):
+    """Take the step that was tried for cell i."""
+    if found[BAD] > 0:
+        surveys[i, BAD] = found[BAD]
+        return
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    total = dropped = 0.0
+    for x in range(nx):
+        plane = boxes.plane_start[i] + x
+        y0, y1 = boxes.band[plane, 0], boxes.band[plane, 1]
+        for y in range(y0, y1):
+            first = np.uint64(boxes.start[i] + (x * ny + y) * nz)
+            if rows[plane, 0] <= y < rows[plane, 1]:
+                total += advance_row(new, phi, ahead, first, nz, growth)
+            else:
+                dropped += row_total(new, first, nz)
+                clear_row(phi, first, nz)
+                clear_row(ahead, first, nz)
+        boxes.band[plane] = rows[plane]
+    surveys[i] = found
+    surveys[i, TOTAL] -= dropped
+    lost[i] += dropped
+    totals[i] = total
+
+
+@parallel_kernel()
+def take_steps(
+    bounds, order, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals
+):  # fmt: skip
+    """Take the steps that were tried, and extrapolate to the next.
+
+    Rows that leave the band are set to 0; what was there is counted in `lost`. A cell whose new
+    field is not finite, or runs away, keeps its old field.
+
+    Parameters
+    ----------
+    bounds, order, boxes : as for `try_steps`
+    new, rows, found : what that has written: fields, bands and surveys
+    phi, ahead : 1-D pools of φⁿ and φ*, updated
+    growth : r of the next step
+    surveys, lost : (N, N_SURVEYED) and (N,) float64, updated
+    totals : (N,) float64, overwritten with Σ φ*
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        for k in range(bounds[worker], bounds[worker + 1]):
+            i = order[k]
+            take_step(i, new, phi, ahead, growth, boxes, rows, found[i], surveys, lost, totals)
+
+
+@parallel_kernel()
+def stretch(bounds, order, phi, ahead, share, boxes, totals):
+    """Lay φ* to φⁿ + share (φ* - φⁿ), for a step of another length.
+
+    Parameters as for `take_steps`; `share` is the new δt in those of the old.
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        for k in range(bounds[worker], bounds[worker + 1]):
+            i = order[k]
+            ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
+            total = 0.0
+            for x in range(boxes.shape[i, 0]):
+                y0, y1 = band_rows(x, i, boxes, False)
+                for y in range(y0, y1):
+                    first = np.uint64(boxes.start[i] + (x * ny + y) * nz)
+                    for p in range(first, first + np.uint64(nz)):
+                        value = phi[p] + share * (ahead[p] - phi[p])
+                        ahead[p] = value
+                        total += value
+            totals[i] = total

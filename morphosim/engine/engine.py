@@ -26,7 +26,7 @@ from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.points import records
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.measure.measurement import Measurement, measure
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.parameters import MOST_STEPS, Numerics
 from morphosim.numerics.schemes import coefficients
 from morphosim.numerics.threads import check_threads
 from morphosim.physics.parameters import Physics
@@ -42,6 +42,7 @@ COLUMNS = (
     Column("target", default=np.nan, shared=True),
     Column("fresh", bool, default=True, inherits=False, shared=True),
     Column("face_peak", inherits=False),
+    Column("acceleration", default=np.nan, inherits=False),
     *box_pool.COLUMNS,
 )
 """What the engine keeps of each cell, besides what force terms do.
@@ -100,7 +101,7 @@ class Engine(CellView):
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
         self.cells = CellTable((*COLUMNS, *physics.columns))
-        self.steps = 0
+        self.steps = self.ticks = 0
         self.whole = True
         self.moved = np.zeros(0, np.int64)
         real = self.dtype.type
@@ -166,27 +167,31 @@ class Engine(CellView):
         finally:
             set_num_threads(before)
 
-    def step(self) -> None:
-        """Advance all cells by δt. Call it within `limited_threads`."""
-        state = self.step_state()
-        self.whole = False
-        self._coupling.accumulate(self.pool, state.schedule)
-        self.solver.advance(state)
+    def step(self, most: int = MOST_STEPS) -> None:
+        """Advance all cells by a step of at most `most` ticks. Call it within `limited_threads`."""
+        self.settle()
+        ticks: int | None = self.solver.fit(most, self.pool, self._schedule)
+        while ticks is not None:
+            state = self.step_state(ticks)
+            self.whole = False
+            self._coupling.accumulate(self.pool, state.schedule)
+            ticks = self.solver.advance(state)
         self.cells["fresh"][:] = False
+        self.ticks += state.ticks
         self.steps += 1
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
         self.whole = True
 
-    def step_state(self) -> StepState:
-        """What the next step works on: all set up, and the forces of all terms added up."""
+    def step_state(self, ticks: int = 1) -> StepState:
+        """What a step of so many ticks works on: all set up, and forces of all terms added up."""
         self.settle()
-        self._add_up_forces()
+        self._add_up_forces(ticks)
         if self._values.fresh is not self.cells["fresh"]:  # ranks lay the table out anew
             self._values = self._values._replace(fresh=self.cells["fresh"])
         return StepState(
             self._schedule, self.pool, self._values, self._coupling, self._workspace,
-            self._stencil, self._limits, self._later, self._first, self._forces.stiffness,
+            self._stencil, self._limits, self._later, self._first, ticks, self._forces.stiffness,
         )  # fmt: skip
 
     def contents(self) -> dict[str, NDArray]:
@@ -319,11 +324,11 @@ class Engine(CellView):
         cost = self.solver.cost(shape[stepped])
         self._schedule = share_out(stepped, cost, self.pool.origin[stepped], self.workers)
 
-    def _add_up_forces(self) -> None:
+    def _add_up_forces(self, ticks: int) -> None:
         """Pressure and drift of this step, from all terms."""
         forces, values = self._forces, self._values
         volumes = self.pool.totals * self.numerics.spacing**3
-        step = Step(self.steps, self.numerics.dt, self.numerics.seed, volumes)
+        step = Step(self.ticks, ticks * self.numerics.tick, self.numerics.seed, volumes)
         forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0

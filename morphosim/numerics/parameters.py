@@ -85,6 +85,7 @@ class Numerics:
     """
 
     dt: float = 2.0
+    tolerance: float | None = None
     S: float = 6.0
     scheme: str = "bdf2"
     start_S: float | None = None
@@ -103,6 +104,10 @@ class Numerics:
 
     def __post_init__(self) -> None:
         _validate.number("numerics.dt", self.dt, above=0)
+        if self.tolerance is not None:
+            _validate.number("numerics.tolerance", self.tolerance, above=0)
+            if self.scheme == "bdf2":
+                object.__setattr__(self, "scheme", "linearised")
         _validate.number("numerics.S", self.S, least=0)
         _validate.choice("numerics.scheme", self.scheme, SCHEMES)
         if self.start_S is not None:
@@ -152,6 +157,13 @@ class Numerics:
         """The solver at work: explicit Euler has that of the band alone."""
         own = {"euler": "band", "linearised": "linearised"}
         return own.get(self.scheme, self.solver)
+
+    @property
+    def tick(self) -> float:
+        return self.dt if self.tolerance is None else self.dt / 64
+
+    first_ticks = 16
+    longest_ticks = 16 * 64
 
     @property
     def worker_count(self) -> int:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.engine.solvers.solver import Solver, StepState
+from morphosim.engine.solvers.solver import FixedSteps, Solver, StepState
 from morphosim.kernels.layout import CellTerms
 from morphosim.kernels.step import step_band
 from morphosim.numerics.chebyshev import (
@@ -23,7 +23,7 @@ def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
     return BandSolver(numerics, dtype)
 
 
-class BandSolver:
+class BandSolver(FixedSteps):
     """See `Solver`; cells without history take more iterations than others."""
 
     on_band = True

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.solvers.cosine_transforms import CosineTables, transform_cost
-from morphosim.engine.solvers.solver import Solver, StepState
+from morphosim.engine.solvers.solver import FixedSteps, Solver, StepState
 from morphosim.kernels.step import step_transform
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
@@ -19,7 +19,7 @@ def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
     return LibrarySolver(numerics, dtype, threads)
 
 
-class CosineSolver:
+class CosineSolver(FixedSteps):
     """See `Solver`."""
 
     on_band = False

@@ -12,7 +12,7 @@ from morphosim.engine.solvers.cosine_transforms import (
     SciPyTransform,
     transform_cost,
 )
-from morphosim.engine.solvers.solver import StepState
+from morphosim.engine.solvers.solver import FixedSteps, StepState
 from morphosim.kernels.step import accept_all, prepare_all
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
@@ -20,7 +20,7 @@ from morphosim.physics.parameters import Physics
 Integers = NDArray[np.int64]
 
 
-class LibrarySolver:
+class LibrarySolver(FixedSteps):
     """See `Solver`."""
 
     on_band = False

@@ -30,6 +30,8 @@ class StepState(NamedTuple):
     """The scheme of cells with history."""
     first: Scheme
     """The scheme of cells without."""
+    ticks: int
+    """Length of the step."""
     stiffness: NDArray[np.float64]
     """(N,) - ∂p/∂v: how the pressures fall as volumes rise, per µm³."""
 
@@ -68,12 +70,26 @@ class Solver(Protocol):
     def cost(self, shape: NDArray[np.int64]) -> NDArray[np.float64]:
         """(N,) relative work of boxes of these shapes (N, 3)."""
 
-    def advance(self, state: StepState) -> None:
-        """Advance the cells of the schedule, and survey them."""
+    def fit(self, most: int, pool: BoxPool, schedule: Schedule) -> int:
+        """Length of the next step in ticks, at most `most`; fields are made ready for it."""
+
+    def advance(self, state: StepState) -> int | None:
+        """Advance the cells of the schedule, and survey them.
+
+        If it gives a number, all is as before, and a step of so many ticks is to be tried instead.
+        """
 
     @property
     def nbytes(self) -> int:
         """Bytes of what grows with the cells."""
+
+
+class FixedSteps:
+    """What solvers have in common whose steps are all of one tick."""
+
+    def fit(self, most: int, pool: BoxPool, schedule: Schedule) -> int:
+        """See `Solver`."""
+        return 1
 
 
 def make_solver(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
