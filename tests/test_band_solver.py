@@ -146,7 +146,10 @@ def test_attraction_by_pairs_alone() -> None:
 @pytest.mark.parametrize("spacing", [0.25, 0.5, 0.75])
 def test_iterations_reduce_every_error(dt: float, S: float, spacing: float) -> None:
     numerics = Numerics(dt=dt, S=S, spacing=spacing)
-    lhs, top = coefficients(numerics, 2.62, False)["lhs"], 0.25 * largest_eigenvalue(6, spacing)
+    lhs, top = (
+        coefficients(numerics, 2.62, numerics.S, False)["lhs"],
+        0.25 * largest_eigenvalue(6, spacing),
+    )
     roots = chebyshev_roots(lhs, 0.5, top, numerics.sweeps)
     symbol = lhs + np.linspace(0, top, 1001)
     error = np.abs(np.prod(1 - symbol[:, None] / roots, axis=1))
@@ -156,9 +159,9 @@ def test_iterations_reduce_every_error(dt: float, S: float, spacing: float) -> N
 
 
 def test_stiff_diffusion_takes_more_iterations() -> None:
-    standard = coefficients(Numerics(), 2.62, False)["lhs"]
+    standard = coefficients(Numerics(), 2.62, 6.0, False)["lhs"]
     assert len(chebyshev_roots(standard, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) == 2
-    plain = coefficients(Numerics(S=0.0), 2.62, False)["lhs"]
+    plain = coefficients(Numerics(), 2.62, 0.0, False)["lhs"]
     assert len(chebyshev_roots(plain, 0.5, 0.25 * largest_eigenvalue(6, 0.5), 2)) > 2
 
 

@@ -27,7 +27,7 @@ from morphosim.kernels.points import records
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.measure.measurement import Measurement, measure
 from morphosim.numerics.parameters import MOST_STEPS, Numerics
-from morphosim.numerics.schemes import coefficients
+from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.numerics.threads import check_threads
 from morphosim.physics.parameters import Physics
 from morphosim.physics.term import Environment, Forces, Step
@@ -67,9 +67,14 @@ class Engine(CellView):
     ----------
     physics, numerics, confinement
         See `Scene`.
+    explicit_rate : float
+        See below.
 
     Attributes
     ----------
+    explicit_rate : float
+        Rate of what a step takes explicitly, with a margin; where `numerics.S` is None, S follows
+        from it (`schemes.stabilisation`). Set it before `set_physics`, `restore` or `restart`.
     cells : CellTable
         The N cells. Set values of columns in place; say `change` if others than `target` change.
     pool : BoxPool
@@ -94,9 +99,11 @@ class Engine(CellView):
     _later: Scheme
 
     def __init__(
-        self, physics: Physics, numerics: Numerics, confinement: Confinement | None
-    ) -> None:
+        self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
+        explicit_rate: float = 0.0,
+    ) -> None:  # fmt: skip
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
+        self.explicit_rate = explicit_rate
         self.dtype = np.dtype(DTYPES[numerics.precision])
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
@@ -143,6 +150,11 @@ class Engine(CellView):
     def everyone(self) -> CellTable:
         """All cells of the simulation: here, those of this engine."""
         return self.cells
+
+    @property
+    def S(self) -> float:
+        """The stabilisation at work."""
+        return used_S(self.numerics, self.physics.tau, self.explicit_rate)
 
     @property
     def nbytes(self) -> int:
@@ -285,7 +297,7 @@ class Engine(CellView):
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
         tensions = physics.surface_tension.tensions(cells)
-        self.solver.set_up(physics, tensions, np.unique(all_tensions))
+        self.solver.set_up(physics, tensions, np.unique(all_tensions), self.explicit_rate)
         n = len(cells)
         self._forces = Forces(np.zeros(n), np.zeros((n, 3)), np.zeros(n))
         self._values = self._cell_terms(tensions)
@@ -311,7 +323,7 @@ class Engine(CellView):
         )
 
     def _scheme(self, fresh: bool) -> Scheme:
-        numbers = coefficients(self.numerics, self.physics.tau, fresh)
+        numbers = coefficients(self.numerics, self.physics.tau, self.S, fresh)
         return Scheme(**{name: self.dtype.type(value) for name, value in numbers.items()})
 
     def _lay_out(self) -> None:

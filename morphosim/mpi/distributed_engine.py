@@ -45,6 +45,8 @@ class DistributedEngine(GatheredView):
     comm : communicator of all ranks
     physics, numerics, confinement
         See `Scene`.
+    explicit_rate : float
+        See `Engine`.
 
     Attributes
     ----------
@@ -61,11 +63,13 @@ class DistributedEngine(GatheredView):
     """
 
     def __init__(
-        self, comm: "Comm", physics: Physics, numerics: Numerics, confinement: Confinement | None
-    ) -> None:
+        self, comm: "Comm", physics: Physics, numerics: Numerics, confinement: Confinement | None,
+        explicit_rate: float = 0.0,
+    ) -> None:  # fmt: skip
         everyone = CellTable(_shared(physics))
         own = replace(numerics, threads=numerics.threads or threads_per_rank(comm))
-        super().__init__(comm, LocalEngine(physics, own, confinement, everyone), everyone)
+        local = LocalEngine(physics, own, confinement, explicit_rate, everyone)
+        super().__init__(comm, local, everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
         self._found = np.zeros(4, np.int64)
@@ -96,6 +100,20 @@ class DistributedEngine(GatheredView):
     def physics(self) -> Physics:
         """The physics that hold now."""
         return self.local.physics
+
+    @property
+    def explicit_rate(self) -> float:
+        """See `Engine`."""
+        return self.local.explicit_rate
+
+    @explicit_rate.setter
+    def explicit_rate(self, rate: float) -> None:
+        self.local.explicit_rate = rate
+
+    @property
+    def S(self) -> float:
+        """See `Engine`."""
+        return self.local.S
 
     @property
     def steps(self) -> int:

@@ -10,6 +10,7 @@ from morphosim.engine.engine import Engine
 from morphosim.mpi.communicator import StoppedError, agreed, world
 from morphosim.mpi.distributed_engine import DistributedEngine
 from morphosim.runs.checkpoint import Checkpoint
+from morphosim.scene import stability
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.observers import Observer, as_observers, finish_all, tell_step
 from morphosim.simulation.simulation import Simulation
@@ -44,9 +45,9 @@ class DistributedSimulation(Simulation):
         """Engine of which this rank has a share; it has all that a simulation asks for."""
         scene = self.scene
         agreed(world(), lambda: None)  # a rank that cannot get here tells the others by this
-        return cast(
-            Engine, DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement)
-        )
+        rate = stability.explicit_rate(scene)
+        engine = DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement, rate)
+        return cast(Engine, engine)
 
     def _start(self) -> None:
         """Begin with the cells of the scene, of which each rank makes some."""

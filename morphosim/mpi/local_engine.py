@@ -27,6 +27,8 @@ class LocalEngine(Engine):
     ----------
     physics, numerics, confinement
         See `Scene`.
+    explicit_rate : float
+        See `Engine`.
     everyone : CellTable
         All cells of the simulation; its columns are those that every rank knows.
 
@@ -38,9 +40,9 @@ class LocalEngine(Engine):
 
     def __init__(
         self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        everyone: CellTable,
+        explicit_rate: float, everyone: CellTable,
     ) -> None:  # fmt: skip
-        super().__init__(physics, numerics, confinement)
+        super().__init__(physics, numerics, confinement, explicit_rate)
         self._everyone = everyone
         self.rows, self.own = np.zeros(0, np.int64), np.zeros(0, bool)
 

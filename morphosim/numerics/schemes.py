@@ -11,8 +11,36 @@ weight δt/τ from φⁿ with lhs = 0 and the right-hand side F.
 
 from morphosim.numerics.parameters import Numerics
 
+SHARES = {"bdf2": 0.75, "imex1": 0.5, "linearised": 0.75}
+"""S per rate of what is explicit, by scheme; "euler" has no S."""
 
-def coefficients(numerics: Numerics, tau: float, first: bool) -> dict[str, float]:
+
+def stabilisation(rate: float, dt: float, tau: float, scheme: str = "bdf2") -> float:
+    """Least S with which what is taken explicitly does not flip φ from step to step and grow.
+
+    φⁿ⁺¹ = -φⁿ in Eq. 9, or in Eq. 8, with the force -f φ and no diffusion gives ¾ f - τ/δt, or
+    ½ f - τ/δt. "linearised" extrapolates as Eq. 9 does; what it takes implicitly is no part of f.
+
+    Parameters
+    ----------
+    rate : float
+        f: explicit forces relax φ at the rate f / τ, see `scene.stability`.
+    dt, tau : float
+        Step δt and viscosity τ.
+    scheme : str
+        See `Numerics`; 0 for "euler", which has no S.
+    """
+    return max(0.0, SHARES[scheme] * rate - tau / dt) if scheme in SHARES else 0.0
+
+
+def used_S(numerics: Numerics, tau: float, rate: float) -> float:
+    """S of a run: what the numerics say, else what the explicit rate needs."""
+    if numerics.S is not None:
+        return numerics.S
+    return stabilisation(rate, numerics.dt, tau, numerics.scheme)
+
+
+def coefficients(numerics: Numerics, tau: float, S: float, first: bool) -> dict[str, float]:
     """lhs, a0, a1, b0, b1, e0, e1 of one step.
 
     Parameters
@@ -20,10 +48,12 @@ def coefficients(numerics: Numerics, tau: float, first: bool) -> dict[str, float
     numerics : Numerics
     tau : float
         Viscosity τ.
+    S : float
+        Stabilisation, see `used_S`.
     first : bool
         Whether the scheme has no history yet; "bdf2" then takes a step by Eq. 8.
     """
-    rate, S = tau / numerics.dt, numerics.S
+    rate = tau / numerics.dt
     if numerics.scheme == "euler":
         return {"lhs": 0.0, "a0": 0.0, "a1": 1.0, "b0": 0.0, "b1": 0.0, "e0": 1.0, "e1": 0.0}
     if numerics.scheme == "linearised":

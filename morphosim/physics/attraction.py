@@ -188,6 +188,12 @@ class Attraction(Term):
             raise ValueError(message)
         environment.attraction = self
 
+    def explicit_rate(self, conditions: Conditions) -> float:
+        """σ k |∇φ| at k = √(2c): of account where nothing faster is explicit, when linearised."""
+        if not conditions.linearised or not (conditions.several or conditions.staged):
+            return 0.0
+        return self.strongest(conditions.types) * conditions.interface_scale**2
+
     def concern(self, conditions: Conditions) -> Concern | None:
         """Cells that tear each other apart."""
         strongest = self.strongest(conditions.types)

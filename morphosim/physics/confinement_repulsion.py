@@ -67,7 +67,7 @@ class ConfinementRepulsion(Term):
     def explicit_rate(self, conditions: Conditions) -> float:
         """g_e φ_e² at most, and what pressing cells to the wall adds."""
         walls, numerics = conditions.confinement, conditions.numerics
-        if walls is None:
+        if walls is None or conditions.linearised:
             return 0.0
         return PRESSED + wall_strength(walls, self.g_e, conditions.mean_tension, numerics)
 

@@ -34,5 +34,5 @@ class Repulsion(Term):
         environment.g += self.g
 
     def explicit_rate(self, conditions: Conditions) -> float:
-        """g, where another cell is 1."""
+        """g: where another cell is 1, or where three meet at 1/2, of what linearising leaves."""
         return self.g if conditions.several else 0.0

@@ -43,4 +43,6 @@ class SurfaceTension(Term):
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """2 γ c: the double well at φ = 0 and 1."""
+        if conditions.linearised:
+            return 0.0
         return float(2 * conditions.tensions.max() * self.c)

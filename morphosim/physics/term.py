@@ -186,6 +186,15 @@ class Conditions:
 
     __repr__ = short_repr
 
+    @property
+    def linearised(self) -> bool:
+        """Whether the scheme is "linearised".
+
+        It takes implicitly what a cell's own φ does to the force there, by the double well and R,
+        and what its volume does to its pressure; only the rest counts as explicit.
+        """
+        return self.numerics.scheme == "linearised"
+
 
 @dataclass(frozen=True, slots=True)
 class Concern:

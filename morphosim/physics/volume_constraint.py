@@ -59,6 +59,8 @@ class VolumeConstraint(Term):
 
     def whole_cell_rate(self, conditions: Conditions) -> float:
         """M' A / V or M A, A the surface, of the cell that is worst off, taken as a ball."""
+        if conditions.linearised:
+            return 0.0
         volumes = conditions.volumes
         rates = self.strength * (36 * np.pi * volumes**2) ** (1 / 3)
         return float((rates / volumes if self.kind == "relative" else rates).max())

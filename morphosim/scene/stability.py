@@ -25,6 +25,7 @@ import numpy as np
 from morphosim.errors import warn
 from morphosim.geometry.phase_field import lattice_field, share_outside
 from morphosim.numerics.chebyshev import largest_eigenvalue
+from morphosim.numerics.schemes import SHARES, stabilisation
 from morphosim.physics.confinement_repulsion import is_resolved
 from morphosim.physics.parameters import Physics
 from morphosim.physics.term import Concern, Conditions
@@ -53,8 +54,6 @@ They close in on cells from all sides. Measured, needed S less `least_S` of ball
 8 µm: 1.6, 1.8, 0.8, 0.8 at most at δt = 2, and 2, 2.2, 1.2, 0.2 with "draft"; this makes it 2.5,
 1.8, 1.1 and 0.7.
 """
-SHARES = {"bdf2": 0.75, "imex1": 0.5}
-"""S per rate f, by scheme."""
 MISSED = 0.15
 """Share of what changes in a run that may be missing at its end with no warning: T > 6.6 L."""
 MOST_MISSED = {"bdf2": 0.9, "imex1": 0.99}
@@ -273,14 +272,11 @@ def explicit_rate(scene: Scene) -> float:
 
 def least_S(scene: Scene) -> float:
     """Least S that is expected to be stable; 0 for "euler", which has none."""
-    if scene.numerics.scheme not in SHARES:
-        return 0.0
-    share = SHARES[scene.numerics.scheme]
-    needed = [
-        share * sum(_rates(*course).values()) - course[0].tau / scene.numerics.dt
+    dt, scheme = scene.numerics.dt, scene.numerics.scheme
+    return max(
+        stabilisation(sum(_rates(*course).values()), dt, course[0].tau, scheme)
         for course in _courses(scene)
-    ]
-    return max(0.0, *needed)
+    )
 
 
 def lag(scene: Scene) -> float:

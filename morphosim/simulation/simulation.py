@@ -140,7 +140,8 @@ class Simulation(State):
     def _make_engine(self) -> Engine:
         """Engine without cells."""
         scene = self.scene
-        return Engine(scene.physics, scene.numerics, scene.confinement)
+        rate = stability.explicit_rate(scene)
+        return Engine(scene.physics, scene.numerics, scene.confinement, rate)
 
     def _start(self) -> None:
         """Begin with the cells of the scene."""

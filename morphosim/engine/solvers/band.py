@@ -12,7 +12,7 @@ from morphosim.numerics.chebyshev import (
     largest_eigenvalue,
 )
 from morphosim.numerics.parameters import Numerics
-from morphosim.numerics.schemes import coefficients
+from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
@@ -32,10 +32,13 @@ class BandSolver(FixedSteps):
     def __init__(self, numerics: Numerics, dtype: np.dtype) -> None:
         self._numerics, self._dtype = numerics, dtype
 
-    def set_up(self, physics: Physics, tensions: Floats, present: Floats) -> None:
+    def set_up(
+        self, physics: Physics, tensions: Floats, present: Floats, explicit_rate: float
+    ) -> None:
         """See `Solver`."""
         index = np.searchsorted(present, tensions)
-        later, first = (self._weights(physics, present, fresh)[index] for fresh in (False, True))
+        S = used_S(self._numerics, physics.tau, explicit_rate)
+        later, first = (self._weights(physics, present, S, fresh)[index] for fresh in (False, True))
         self._counts = np.array([later.shape[1], first.shape[1]])
         self._later_counts = np.full(len(tensions), later.shape[1])
         self._weights_of = np.zeros((2, len(tensions), self._counts.max()), self._dtype)
@@ -65,12 +68,12 @@ class BandSolver(FixedSteps):
         weights = self._weights_of[fresh, np.arange(len(fresh))]
         return terms._replace(n_iterations=self._counts[fresh], weights=weights)
 
-    def _weights(self, physics: Physics, present: Floats, fresh: bool) -> Floats:
+    def _weights(self, physics: Physics, present: Floats, S: float, fresh: bool) -> Floats:
         """(tensions, iterations) weights of the iterations for these surface tensions."""
         numerics = self._numerics
         if numerics.scheme == "euler":
             return np.full((len(present), 1), numerics.dt / physics.tau)
-        lhs = coefficients(numerics, physics.tau, fresh)["lhs"]
+        lhs = coefficients(numerics, physics.tau, S, fresh)["lhs"]
         extrapolates = numerics.scheme == "bdf2" and not fresh
         top = largest_eigenvalue(numerics.order, numerics.spacing)
         least = numerics.sweeps + (0 if extrapolates else MORE_WITHOUT_HISTORY)

@@ -29,8 +29,9 @@ class CosineSolver(FixedSteps):
         self.tables = CosineTables(numerics, dtype)
 
     def set_up(
-        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64]
-    ) -> None:
+        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64],
+        explicit_rate: float,
+    ) -> None:  # fmt: skip
         """See `Solver`."""
 
     def lay_out(self, shape: NDArray[np.int64]) -> None:

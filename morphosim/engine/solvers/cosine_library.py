@@ -38,8 +38,9 @@ class LibrarySolver(FixedSteps):
         return self._rhs.nbytes
 
     def set_up(
-        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64]
-    ) -> None:
+        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64],
+        explicit_rate: float,
+    ) -> None:  # fmt: skip
         """See `Solver`."""
 
     def lay_out(self, shape: NDArray[np.int64]) -> None:

@@ -18,6 +18,7 @@ from morphosim.numerics.chebyshev import (
     largest_eigenvalue,
 )
 from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.schemes import stabilisation
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
@@ -50,8 +51,11 @@ class LinearisedSolver:
         parts = (self._new, self._rows, self._surveys, self._changes)
         return sum(part.nbytes for part in parts)
 
-    def set_up(self, physics: Physics, tensions: Floats, present: Floats) -> None:
+    def set_up(
+        self, physics: Physics, tensions: Floats, present: Floats, explicit_rate: float
+    ) -> None:
         """See `Solver`."""
+        self._rate = explicit_rate
         self._tau, self._c = physics.tau, physics.c
         self._stiffest = float(present.max()) if len(present) else 0.0
         self._lengths: dict[tuple[int, int], Any] = {}
@@ -148,8 +152,10 @@ class LinearisedSolver:
 
     def _spread(self, ticks: int) -> float:
         """Stabilisation s of a step."""
-        step = ticks * self._numerics.tick
-        return min(step / 16, 0.75)
+        numerics, S = self._numerics, self._numerics.S
+        if S is None:
+            S = stabilisation(self._rate, ticks * numerics.tick, self._tau, numerics.scheme)
+        return S / (2 * self._c)
 
     def _damped(self, ticks: int) -> float:
         return self._spread(ticks) * SHIFT * self._c / self._tau

@@ -57,11 +57,13 @@ class Solver(Protocol):
     on_band: bool
 
     def set_up(
-        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64]
-    ) -> None:
+        self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64],
+        explicit_rate: float,
+    ) -> None:  # fmt: skip
         """Take over parameters and the surface tensions (N,) of the cells.
 
-        `present` has all different surface tensions of the simulation, ascending.
+        `present` has all different surface tensions of the simulation, ascending; for
+        `explicit_rate` see `Engine`.
         """
 
     def lay_out(self, shape: NDArray[np.int64]) -> None:
