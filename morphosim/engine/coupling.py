@@ -109,6 +109,14 @@ class Coupling:
         return (None, None) if pairs is None else (pairs.frame_start, self._pair_potential)
 
     @property
+    def strongest(self) -> float:
+        """About the largest R that a cell may feel: of two others, and of walls."""
+        if not self.acts:
+            return 0.0
+        walls = 0.0 if self._walls.tiles is None else self._walls.tiles.peak
+        return 2 * float(self.interaction.g) + walls
+
+    @property
     def uses(self) -> tuple[bool | None, bool | None]:
         """Whether there is repulsion, and attraction; None compiles the branch away."""
         attracts = self.acts and self._interactions.attracts

@@ -22,6 +22,8 @@ from morphosim.numerics.schemes import stabilisation
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
+WELL = 5.0
+"""Largest W'' in terms of c: that at φ = -0.2 and 1.2."""
 SHIFT = 0.4
 """k² / c of a shifted interface: ∫ φ''² / ∫ φ'² of the profile (1 + tanh(x √(c/2)))/ 2."""
 
@@ -136,7 +138,7 @@ class LinearisedSolver:
         ratio = state.ticks / self._before
         rate = self._tau / (state.ticks * self._numerics.tick)
         later = rate * (1 + 2 * ratio) / (1 + ratio)
-        counts, weights = self._iterations(len(pool), later, state.ticks)
+        counts, weights = self._iterations(len(pool), later, state)
         linear = Linearisation(
             lhs=np.where(state.terms.fresh, rate, later).astype(self._dtype),
             rate=real(rate),
@@ -153,24 +155,24 @@ class LinearisedSolver:
     def _spread(self, ticks: int) -> float:
         """Stabilisation s of a step."""
         numerics, S = self._numerics, self._numerics.S
-        if S is None:
+        if S is None or numerics.tolerance is not None:
             S = stabilisation(self._rate, ticks * numerics.tick, self._tau, numerics.scheme)
         return S / (2 * self._c)
 
     def _damped(self, ticks: int) -> float:
         return self._spread(ticks) * SHIFT * self._c / self._tau
 
-    _damping = 8.0
-
-    def _iterations(self, count: int, lhs: float, ticks: int) -> tuple[NDArray, NDArray]:
-        key = count, ticks, lhs
+    def _iterations(self, count: int, lhs: float, state: StepState) -> tuple[NDArray, NDArray]:
+        damping = WELL * self._stiffest * self._c + state.coupling.strongest
+        ticks = state.ticks
+        key = count, ticks, lhs, damping
         if key not in self._lengths:
             numerics = self._numerics
             top = (self._stiffest + self._spread(ticks)) * largest_eigenvalue(
                 numerics.order, numerics.spacing
             )
             roots = chebyshev_roots(
-                lhs, 0.0, top + self._damping, numerics.sweeps + MORE_WITHOUT_HISTORY
+                lhs, 0.0, top + damping, numerics.sweeps + MORE_WITHOUT_HISTORY
             )
             weights = np.tile((1 / roots).astype(self._dtype), (count, 1))
             self._lengths[key] = np.full(count, len(roots)), weights
