@@ -18,8 +18,11 @@ from morphosim.numerics.parameters import Numerics
 
 Floats = NDArray[np.float64]
 
-SLOW = 0.01
+import os
+SLOW = float(os.environ.get("SL","0.01"))
 """Velocity, µm per unit of time, up to which the tolerance is absolute: 1 µm in 100 units."""
+import os
+X0 = float(os.environ.get("X0", "15"))
 SAFETY = 0.9
 """Steps are chosen for this share of the length that would just meet the tolerance."""
 MOST_ERROR = 2.0
@@ -104,7 +107,7 @@ class StepControl:
         jerk = np.abs(acceleration - np.where(np.isnan(known), acceleration, known)) / step
         error = damped * missed + step * (step + last) / 6 * jerk
         error[fresh], acceleration[fresh] = 0.0, np.nan
-        allowed = self._allowed * np.maximum(1, speed / SLOW)
+        allowed = self._allowed * np.maximum(max(1, X0 / step), speed / SLOW)
         excess = float((error / allowed).max(initial=0.0))
         reach = float(speed.max(initial=0.0)) * step / self._spacing
         return Verdict(error, speed, acceleration, excess, reach)

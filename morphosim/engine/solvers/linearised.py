@@ -156,7 +156,8 @@ class LinearisedSolver:
         """Stabilisation s of a step."""
         numerics, S = self._numerics, self._numerics.S
         if S is None or numerics.tolerance is not None:
-            S = stabilisation(self._rate, ticks * numerics.tick, self._tau, numerics.scheme)
+            import os
+            S = stabilisation(self._rate * float(os.environ.get("MM", "1.4")), ticks * numerics.tick, self._tau, numerics.scheme)
         return S / (2 * self._c)
 
     def _damped(self, ticks: int) -> float:
