@@ -1,6 +1,6 @@
 """The engine: the state of all cells and the step that advances it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,7 +26,7 @@ from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.points import records
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.measure.measurement import Measurement, measure
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.numerics.threads import check_threads
 from morphosim.physics.parameters import Physics
@@ -79,6 +79,11 @@ class Engine(CellView):
     solver : Solver
     steps : int
         Steps taken.
+    ticks : int
+        Ticks passed; see `Numerics.tick`.
+    targets : function of time
+        Sets V(t) in the column "target" of `everyone`; called before forces are added up, with the
+        *in silico* time at which they are taken.
     whole : bool
         Whether all cells are at the same step: false within a step, and for good if something
         breaks one off.
@@ -105,7 +110,8 @@ class Engine(CellView):
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
         self.cells = CellTable((*COLUMNS, *physics.columns))
-        self.steps = 0
+        self.steps = self.ticks = 0
+        self.targets: Callable[[float], None] = _as_they_are
         self.whole = True
         self.moved = np.zeros(0, np.int64)
         real = self.dtype.type
@@ -149,6 +155,11 @@ class Engine(CellView):
         return self.cells
 
     @property
+    def time(self) -> float:
+        """*In silico* time."""
+        return self.ticks * self.numerics.tick
+
+    @property
     def S(self) -> float:
         """The stabilisation at work."""
         return used_S(self.numerics, self.physics.tau, self.explicit_rate)
@@ -176,17 +187,26 @@ class Engine(CellView):
         finally:
             set_num_threads(before)
 
-    def step(self) -> None:
-        """Advance all cells by δt. Call it within `limited_threads`."""
+    def step(self, most: int = MOST_TICKS) -> None:
+        """Take a step, of at most so many ticks. Call it within `limited_threads`.
+
+        Steps of δt are one tick each.
+        """
+        self.aim(self.time)
         state = self.step_state()
         self.whole = False
         self._coupling.accumulate(self.pool, state.schedule)
         self.solver.advance(state)
         self.cells["fresh"][:] = False
         self.steps += 1
+        self.ticks += 1
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
         self.whole = True
+
+    def aim(self, time: float) -> None:
+        """Set the target volumes V(t)."""
+        self.targets(time)
 
     def step_state(self) -> StepState:
         """What the next step works on: all set up, and the forces of all terms added up."""
@@ -203,12 +223,14 @@ class Engine(CellView):
         """Copies of all arrays that the next step depends on; see `restore`."""
         return self.cells.saved() | self.pool.contents()
 
-    def restore(self, contents: Mapping[str, NDArray], physics: Physics, steps: int) -> None:
+    def restore(
+        self, contents: Mapping[str, NDArray], physics: Physics, steps: int, ticks: int
+    ) -> None:
         """Go on from what `contents` gave, of an engine of the same numerics.
 
         From there on all steps are the same to the last bit, on the same kind of machine.
         """
-        self.physics, self.steps = physics, steps
+        self.physics, self.steps, self.ticks = physics, steps, ticks
         self.cells.require((*COLUMNS, *physics.columns))
         self.cells.restore(contents)
         self.pool.restore(contents)
@@ -331,7 +353,8 @@ class Engine(CellView):
     def _add_up_forces(self) -> None:
         """Pressure and drift of this step, from all terms."""
         forces, values = self._forces, self._values
-        step = Step(self.steps, self.numerics.dt, self.numerics.seed, self.volumes)
+        numerics = self.numerics
+        step = Step(self.ticks, self.time, numerics.dt, numerics.dt, numerics.seed, self.volumes)
         forces.pressure[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0
@@ -358,6 +381,10 @@ class Engine(CellView):
         self.moved = self.pool.refit(cells) if len(cells) else cells
         if len(self.moved):
             self._displaced = True
+
+
+def _as_they_are(time: float) -> None:
+    """Leave target volumes that are no functions of time."""
 
 
 def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:
