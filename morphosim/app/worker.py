@@ -132,14 +132,14 @@ class Watcher:
 
     def __init__(self, channel: Channel, directory: Path, interval: float = 0.5) -> None:
         self._channel, self._directory, self._interval = channel, directory, interval
-        self._shown = -1
+        self._shown = -1  # tick
 
     def start(self, simulation: Simulation) -> None:
         """Tell the page what begins, and show it as the save says that has just been made."""
         self._until = simulation.scene.end
         self._channel.tell("began", {"until": self._until})
         self._channel.tell("load", opening(self._directory, TRIANGLES, [simulation.time]))
-        self._shown = simulation.steps
+        self._shown = simulation.ticks
         self._clock = Clock(simulation.time)
         self._begun = self._told = self._pictured = time.perf_counter()
         self._cost = 0.0
@@ -184,11 +184,11 @@ class Watcher:
 
     def _show(self, simulation: Simulation) -> None:
         """Send the fields as they are now, unless they have been sent."""
-        if simulation.steps == self._shown:
+        if simulation.ticks == self._shown:
             return
         begin = time.perf_counter()
         self._channel.tell("frame", live_frame(simulation))
-        self._shown = simulation.steps
+        self._shown = simulation.ticks
         self._pictured = time.perf_counter()
         self._cost = self._pictured - begin
 

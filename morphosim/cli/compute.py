@@ -223,7 +223,7 @@ def _check_end(
     directory: Path, until: float | None, scene: "Scene", state: "Checkpoint | None"
 ) -> None:
     """Raise ValueError if a run that goes on has passed the end that is asked for."""
-    reached = 0.0 if state is None else state.steps * scene.numerics.dt
+    reached = 0.0 if state is None else state.time
     if until is not None and until < reached - 1e-9:
         message = (
             f"--until {until:g}: the run has reached t = {reached:g} already; give a later end, or "

@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from morphosim.cli.run_facts import listing, preset_text
+from morphosim.numerics.parameters import LONGEST
 from morphosim.runs.directory import RunDirectory
 from morphosim.runs.writer import RunWriter
 from morphosim.scene import stability
@@ -52,25 +53,29 @@ def _stability(scene: Scene) -> str:
 
 def _course(simulation: Simulation) -> Iterator[tuple[str, str]]:
     scene = simulation.scene
-    dt, end = scene.numerics.dt, scene.latest_end
-    steps = max(scene.numerics.steps_to(end) - simulation.steps, 0)
+    numerics, end = scene.numerics, scene.latest_end
+    ticks = max(numerics.ticks_to(end) - simulation.ticks, 0)
     most = "at most " if scene.end is None else ""
-    yield "steps", f"{most}{steps} of dt = {dt:g}, from t = {simulation.time:g} to {end:g}"
+    lengths = f"{most}{ticks} of dt = {numerics.dt:g}"
+    if numerics.tolerance is not None:
+        longest = LONGEST * numerics.dt
+        lengths = f"as many as the tolerance takes, of {numerics.tick:g} to {longest:g} each"
+    yield "steps", f"{lengths}, from t = {simulation.time:g} to {end:g}"
     for number, stage in enumerate(scene.stages, 1):
         names = [type(event).__name__ for event in stage.events]
         events = f"{', '.join(names)}; " if names else ""
         limit = "" if stage.limit is None else f", or after {stage.limit:g}"
         yield f"stage {number}", f"{stage.name}: {events}until {_end(stage.end)}{limit}"
-    yield from _output(simulation, end, steps, most)
+    yield from _output(simulation, end, ticks, most)
 
 
-def _output(simulation: Simulation, end: float, steps: int, most: str) -> Iterator[tuple[str, str]]:
+def _output(simulation: Simulation, end: float, ticks: int, most: str) -> Iterator[tuple[str, str]]:
     """Saves, disk and memory."""
     scene = simulation.scene
     due = np.floor(end / scene.save_every + 1e-9) - np.floor(simulation.time / scene.save_every)
-    count = max(min(int(due), steps), 0) + 1 + len(scene.stages)
+    count = max(min(int(due), ticks), 0) + 1 + len(scene.stages)
     save, state = _sizes(simulation)
-    interval = max(scene.save_every, scene.numerics.dt)
+    interval = max(scene.save_every, scene.numerics.tick)
     yield "saves", f"{most or 'about '}{count}, every {interval:g}"
     yield "disk", f"about {_size(count * save + 2 * state)} ({_size(save)} a save)"
     memory = simulation.engine.nbytes

@@ -1,6 +1,6 @@
 """The engine: the state of all cells and the step that advances it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable, Column
-from morphosim.engine import box_pool
+from morphosim.engine import box_pool, step_control
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
@@ -26,7 +26,7 @@ from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.kernels.points import records
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.measure.measurement import Measurement, measure
-from morphosim.numerics.parameters import MOST_STEPS, Numerics
+from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.numerics.threads import check_threads
 from morphosim.physics.parameters import Physics
@@ -42,7 +42,7 @@ COLUMNS = (
     Column("target", default=np.nan, shared=True),
     Column("fresh", bool, default=True, inherits=False, shared=True),
     Column("face_peak", inherits=False),
-    Column("acceleration", default=np.nan, inherits=False),
+    *step_control.COLUMNS,
     *box_pool.COLUMNS,
 )
 """What the engine keeps of each cell, besides what force terms do.
@@ -82,6 +82,11 @@ class Engine(CellView):
     solver : Solver
     steps : int
         Steps taken.
+    ticks : int
+        Ticks passed; see `Numerics.tick`.
+    targets : function of time
+        Sets V(t) in the column "target" of `everyone`; called before forces are added up, with the
+        *in silico* time at which they are taken.
     whole : bool
         Whether all cells are at the same step: false within a step, and for good if something
         breaks one off.
@@ -109,6 +114,7 @@ class Engine(CellView):
         self.workers = numerics.worker_count
         self.cells = CellTable((*COLUMNS, *physics.columns))
         self.steps = self.ticks = 0
+        self.targets: Callable[[float], None] = _as_they_are
         self.whole = True
         self.moved = np.zeros(0, np.int64)
         real = self.dtype.type
@@ -152,6 +158,11 @@ class Engine(CellView):
         return self.cells
 
     @property
+    def time(self) -> float:
+        """*In silico* time."""
+        return self.ticks * self.numerics.tick
+
+    @property
     def S(self) -> float:
         """The stabilisation at work."""
         return used_S(self.numerics, self.physics.tau, self.explicit_rate)
@@ -179,15 +190,18 @@ class Engine(CellView):
         finally:
             set_num_threads(before)
 
-    def step(self, most: int = MOST_STEPS) -> None:
-        """Advance all cells by a step of at most `most` ticks. Call it within `limited_threads`."""
+    def step(self, most: int = MOST_TICKS) -> None:
+        """Take a step, of at most so many ticks. Call it within `limited_threads`.
+
+        Steps of δt are one tick each.
+        """
         self.settle()
-        ticks: int | None = self.solver.fit(most, self.pool, self._schedule)
+        ticks: int | None = self.solver.fit(most, bool(self.everyone["fresh"].any()))
         while ticks is not None:
             state = self.step_state(ticks)
             self.whole = False
             self._coupling.accumulate(self.pool, state.schedule)
-            ticks = self.solver.advance(state)
+            ticks = self.solver.advance(state, self._most_of_all)
         self.cells["fresh"][:] = False
         self.ticks += state.ticks
         self.steps += 1
@@ -195,9 +209,23 @@ class Engine(CellView):
         self._refit()
         self.whole = True
 
+    def aim(self, time: float) -> None:
+        """Set the target volumes V(t)."""
+        self.targets(time)
+
+    def _share_fields(self) -> None:
+        """Send the fields in which forces are taken to where else they are felt: here, nowhere."""
+
+    def _most_of_all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Largest values over all engines of the simulation, one by one: here, these."""
+        return values
+
     def step_state(self, ticks: int = 1) -> StepState:
         """What a step of so many ticks works on: all set up, and forces of all terms added up."""
         self.settle()
+        if self.solver.make_ready(ticks, self.pool, self._schedule):
+            self._share_fields()
+        self.aim(self.time + (ticks * self.numerics.tick if self.solver.looks_ahead else 0))
         self._add_up_forces(ticks)
         if self._values.fresh is not self.cells["fresh"]:  # ranks lay the table out anew
             self._values = self._values._replace(fresh=self.cells["fresh"])
@@ -208,17 +236,20 @@ class Engine(CellView):
 
     def contents(self) -> dict[str, NDArray]:
         """Copies of all arrays that the next step depends on; see `restore`."""
-        return self.cells.saved() | self.pool.contents()
+        return self.cells.saved() | self.pool.contents() | self.solver.contents()
 
-    def restore(self, contents: Mapping[str, NDArray], physics: Physics, steps: int) -> None:
+    def restore(
+        self, contents: Mapping[str, NDArray], physics: Physics, steps: int, ticks: int
+    ) -> None:
         """Go on from what `contents` gave, of an engine of the same numerics.
 
         From there on all steps are the same to the last bit, on the same kind of machine.
         """
-        self.physics, self.steps = physics, steps
+        self.physics, self.steps, self.ticks = physics, steps, ticks
         self.cells.require((*COLUMNS, *physics.columns))
         self.cells.restore(contents)
         self.pool.restore(contents)
+        self.solver.restore(contents)
         self.change()
 
     def diverged(self) -> NDArray[np.int64]:
@@ -340,7 +371,9 @@ class Engine(CellView):
         """Pressure and drift of this step, from all terms."""
         forces, values = self._forces, self._values
         volumes = self.pool.totals * self.numerics.spacing**3
-        step = Step(self.ticks, ticks * self.numerics.tick, self.numerics.seed, volumes)
+        numerics = self.numerics
+        length = ticks * numerics.tick
+        step = Step(self.ticks, self.time, length, numerics.dt, numerics.seed, volumes)
         forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0
@@ -367,6 +400,10 @@ class Engine(CellView):
         self.moved = self.pool.refit(cells) if len(cells) else cells
         if len(self.moved):
             self._displaced = True
+
+
+def _as_they_are(time: float) -> None:
+    """Leave target volumes that are no functions of time."""
 
 
 def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:

@@ -1,62 +1,71 @@
 """Error control: how long the next step may be, from how far the last one missed.
 
 A step of the scheme "linearised" moves the interface from its extrapolation φ* by d, the root mean
-square of u / |∇φ*|. For steps of h after one of h' this is the acceleration a = 2 d / (h (h + h')).
+square of u / |∇φ*|. For a step h after one of h' that is the acceleration a = 2 d / (h (h + h')).
 It tells the two errors in the interface's velocity: that of backward differences, h (h + h') / 6
-times the change of a in time, and that of the stabilisation, s k² d / τ, where k² = 0.4 c is the
-share of -Δ in a shift of the interface.
+times the rate at which a changes, and that of the stabilisation, s k² d / τ, where k² = 0.4 c is
+what -Δ is for a shift of the interface.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.cell_table import CellTable
+from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.linearised import MISSED, MOVED, SLOPE
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.parameters import LONGEST, PARTS, Numerics
 
 Floats = NDArray[np.float64]
 
-import os
-SLOW = float(os.environ.get("SL","0.01"))
-"""Velocity, µm per unit of time, up to which the tolerance is absolute: 1 µm in 100 units."""
-import os
-X0 = float(os.environ.get("X0", "15"))
+COLUMNS = (
+    Column("acceleration", default=np.nan, inherits=False),
+    Column("speed", inherits=False),
+    Column("time_error"),
+)
+"""Of each cell's interface, root mean square: acceleration in the last step, velocity, and the
+error in its place that steps have made so far, µm."""
+NANOMETRES = 1e-5
+"""1 nm in 100 units of time, in µm per unit."""
+SLOW = 0.01
+"""Velocity up to which the tolerance is absolute: 1 µm in 100 units, in µm per unit."""
+STRIDE = 15.0
+"""In steps shorter than this the tolerance is one of place: that of a step of this length."""
 SAFETY = 0.9
 """Steps are chosen for this share of the length that would just meet the tolerance."""
-MOST_ERROR = 2.0
+MOST_EXCESS = 2.0
 """A step whose error is this many times the tolerance is tried again, shorter."""
-GROWTH = 1.4
-"""Largest next step, in those of the last."""
-STEADY = 1.1
-"""A step that could be longer by less than this stays as it is."""
-LEAST, MOST_SHRINK = 0.2, 0.7
-"""By how much a step is shortened that is tried again."""
+GROWTH, STEADY = 1.4, 1.1
+"""Most by which a step is longer than the last, and least: below, it stays as it was."""
+LEAST_SHARE, MOST_SHARE = 0.2, 0.7
+"""Bounds of a step that is tried again, in the length before."""
 FARTHEST = 0.5
-"""Farthest that an interface may move in a step, in lattice spacings: the band follows by a row."""
+"""Farthest that interfaces should move in a step, in lattice spacings: the band follows by one."""
+FIRST = PARTS // 4
+"""Ticks of the first step, and of one that some cells begin without history."""
+PATIENCE = 100
+"""Steps of one tick that may miss the tolerance, one after the other, before the run ends."""
 
 
-@dataclass
-class Verdict:
+class Verdict(NamedTuple):
     """What a tried step has shown.
 
     Attributes
     ----------
-    error : (N,) error in velocity of each cell, µm per unit of time
-    speed : (N,) velocity of its interface, root mean square
-    acceleration : (N,)
-    excess : float
-        Largest error of any cell, in those that are allowed.
-    reach : float
-        Farthest that any interface moves, in lattice spacings.
+    error : (n,) error in the velocity of each cell's interface, µm per unit of time
+    speed, acceleration : (n,) of each cell's interface
+    allowed : (n,) error allowed
     """
 
     error: Floats
     speed: Floats
     acceleration: Floats
-    excess: float
-    reach: float
+    allowed: Floats
+
+    @property
+    def excess(self) -> float:
+        """Largest error, in those that are allowed."""
+        return float((self.error / self.allowed).max(initial=0.0))
 
 
 class StepControl:
@@ -71,71 +80,77 @@ class StepControl:
     ----------
     planned : int
         Length of the next step.
+    missed : int
+        Steps of one tick, up to the last, that have missed the tolerance one after the other.
     """
 
     def __init__(self, numerics: Numerics) -> None:
-        assert numerics.tolerance is not None
         self._tick, self._spacing = numerics.tick, numerics.spacing
-        self._allowed = numerics.tolerance * 1e-5
-        self._first, self._longest = numerics.first_ticks, numerics.longest_ticks
-        self.planned = self._first
+        self._allowed = (numerics.tolerance or 0.0) * NANOMETRES
+        self.planned, self.missed = FIRST, 0
 
-    def begin(self) -> int:
-        """Length of a step that some cells begin without history."""
-        self.planned = min(self.planned, self._first)
-        return self.planned
+    def fit(self, most: int, fresh: bool) -> int:
+        """Length of the next step, of which equal ones meet the last of `most` ticks.
 
-    def judge(
-        self, changes: Floats, ticks: int, before: int, damped: float, cells: CellTable,
-        stepped: NDArray[np.int64],
-    ) -> Verdict:  # fmt: skip
-        """Tell the error of a step of so many ticks, after one of `before`.
+        `fresh` tells whether some cell begins without history.
+        """
+        if fresh:
+            self.planned = min(self.planned, FIRST)
+        return -(-most // -(-most // self.planned))
+
+    def judge(self, changes: Floats, ticks: int, before: int, damped: float, cells: CellTable,
+              rows: NDArray[np.int64]) -> Verdict:  # fmt: skip
+        """Tell the errors of a step of so many ticks, after one of `before`.
 
         Parameters
         ----------
         changes : (N, N_CHANGES) see `kernels.linearised`
-        damped : float
-            s k² / τ.
+        damped : s k² / τ
+        cells : CellTable
+        rows : (n,) the cells that are stepped
         """
-        slope = np.maximum(changes[stepped, SLOPE], np.finfo(float).tiny)
         step, last = ticks * self._tick, before * self._tick
-        missed = np.sqrt(changes[stepped, MISSED] / slope)
-        speed = np.sqrt(changes[stepped, MOVED] / slope) / step
+        slope = np.maximum(changes[rows, SLOPE], np.finfo(float).tiny)
+        missed = np.sqrt(changes[rows, MISSED] / slope)
+        speed = np.sqrt(changes[rows, MOVED] / slope) / step
         acceleration = 2 * missed / (step * (step + last))
-        fresh = cells["fresh"][stepped]
-        known = cells["acceleration"][stepped]
+        known = cells["acceleration"][rows]
         jerk = np.abs(acceleration - np.where(np.isnan(known), acceleration, known)) / step
         error = damped * missed + step * (step + last) / 6 * jerk
+        fresh = cells["fresh"][rows]
         error[fresh], acceleration[fresh] = 0.0, np.nan
-        allowed = self._allowed * np.maximum(max(1, X0 / step), speed / SLOW)
-        excess = float((error / allowed).max(initial=0.0))
-        reach = float(speed.max(initial=0.0)) * step / self._spacing
-        return Verdict(error, speed, acceleration, excess, reach)
+        allowed = self._allowed * np.maximum(max(1.0, STRIDE / step), speed / SLOW)
+        return Verdict(error, speed, acceleration, allowed)
 
-    def shorter(self, ticks: int, verdict: Verdict | None) -> int:
-        """Length to try instead; 0 if the step may be taken. None is a step that diverged."""
-        if ticks == 1:
-            return 0
-        if verdict is None:
-            share = LEAST
-        elif verdict.excess > MOST_ERROR or verdict.reach > 2 * FARTHEST:
-            share = SAFETY * min(verdict.excess**-0.5, FARTHEST / verdict.reach)
-        else:
-            return 0
-        return max(int(ticks * min(max(share, LEAST), MOST_SHRINK)), 1)
+    def reach(self, verdict: Verdict, ticks: int) -> float:
+        """Farthest that any interface moves in the step, in lattice spacings."""
+        return float(verdict.speed.max(initial=0.0)) * ticks * self._tick / self._spacing
 
-    def plan(self, ticks: int, verdict: Verdict) -> int:
-        """Plan the step after one of so many ticks that is taken."""
-        tiny = 1e-6
-        share = min(
-            SAFETY * max(verdict.excess, tiny) ** -0.5, FARTHEST / max(verdict.reach, tiny), GROWTH
-        )
-        if 1 <= share < STEADY:
-            share = 1.0
-        wanted = int(np.ceil(ticks * share) if share > 1 else ticks * share)
-        self.planned = min(max(wanted, 1), self._longest)
+    def shorter(self, ticks: int, excess: float, reach: float) -> int | None:
+        """Length to try instead of a step of so many ticks; None if it may be taken."""
+        if ticks == 1 or (excess <= MOST_EXCESS and reach <= 2 * FARTHEST):
+            return None
+        share = SAFETY * min(excess**-0.5 if excess > 0 else 1.0, FARTHEST / max(reach, FARTHEST))
+        self.planned = max(int(ticks * min(max(share, LEAST_SHARE), MOST_SHARE)), 1)
         return self.planned
 
-    def fitted(self, ticks: int, most: int) -> int:
-        """A length of at most so many ticks, such that equal steps meet the last of `most`."""
-        return -(-most // -(-most // ticks))
+    def plan(self, ticks: int, excess: float, reach: float) -> None:
+        """Plan the step after one of so many ticks that is taken."""
+        self.missed = self.missed + 1 if excess > MOST_EXCESS else 0
+        tiny = np.finfo(float).tiny
+        share = min(SAFETY * max(excess, tiny) ** -0.5, FARTHEST / max(reach, tiny), GROWTH)
+        if 1 <= share < STEADY:
+            share = 1.0
+        wanted = int(np.ceil(ticks * share)) if share > 1 else int(ticks * share)
+        self.planned = min(max(wanted, 1), LONGEST * PARTS)
+
+    def note(self, verdict: Verdict, ticks: int, cells: CellTable, rows: NDArray[np.int64]) -> None:
+        """Keep what a step that is taken has shown of each cell.
+
+        An error of place goes on as differences of place do: it grows and dies with the speed.
+        """
+        before, now = cells["speed"][rows], verdict.speed
+        fading = np.where(before > 0, np.minimum(now / np.maximum(before, 1e-30), 1.0), 1.0)
+        cells["time_error"][rows] *= fading
+        cells["time_error"][rows] += verdict.error * ticks * self._tick
+        cells["speed"][rows], cells["acceleration"][rows] = now, verdict.acceleration

@@ -1,7 +1,7 @@
 """The engine of a simulation whose cells are shared out over ranks."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ from morphosim.mpi.gathered_view import GatheredView
 from morphosim.mpi.ghost_exchange import GhostExchange, Traffic
 from morphosim.mpi.ghost_regions import Reach, portions
 from morphosim.mpi.local_engine import LocalEngine
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.physics.parameters import Physics
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Integers = NDArray[np.int64]
 REBALANCE = 256
 """Steps between two looks at which rank should own which cell."""
-MOVED, DIVERGED, VANISHED, FAILED = 0, 1, 2, 3
+MOVED, DIVERGED, VANISHED, FAILED, TOUCHED = range(5)
 
 
 class DistributedEngine(GatheredView):
@@ -72,7 +72,7 @@ class DistributedEngine(GatheredView):
         super().__init__(comm, local, everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
-        self._found = np.zeros(4, np.int64)
+        self._found = np.zeros(5, np.int64)
         self._boxes = BoxDirectory(comm, self.traffic)
         self._exchange = GhostExchange(comm)
         self._stale = self._due = True
@@ -121,6 +121,25 @@ class DistributedEngine(GatheredView):
         return self.local.steps
 
     @property
+    def ticks(self) -> int:
+        """Ticks passed."""
+        return self.local.ticks
+
+    @property
+    def time(self) -> float:
+        """*In silico* time."""
+        return self.local.time
+
+    @property
+    def targets(self) -> Callable[[float], None]:
+        """See `Engine`."""
+        return self.local.targets
+
+    @targets.setter
+    def targets(self, function: Callable[[float], None]) -> None:
+        self.local.targets = function
+
+    @property
     def dtype(self) -> np.dtype:
         """Type of the fields."""
         return self.local.dtype
@@ -149,7 +168,7 @@ class DistributedEngine(GatheredView):
     def settle(self) -> None:
         """See `Engine`; here the next step does it, when all ranks hold their ghost cells."""
 
-    def step(self) -> None:
+    def step(self, most: int = MOST_TICKS) -> None:
         """See `Engine`.
 
         Raises
@@ -165,18 +184,17 @@ class DistributedEngine(GatheredView):
             self._stale = self._due = True
         if self._stale:
             self._settle()
-        local, everyone, steps = self.local, self.everyone, self.steps
-        local.cells["target"][:] = everyone["target"][local.rows]
+        local, everyone, before = self.local, self.everyone, (self.steps, self.ticks)
         error: Exception | None = None
         try:
-            local.step()
+            local.step(most)
         except Exception as raised:
             error = raised
         everyone["fresh"][:] = False
         try:
             self._announce(error)
         except Exception:
-            local.steps = steps  # some ranks have taken the step, and others have not
+            local.steps, local.ticks = before  # some ranks have taken the step, others have not
             self.change()
             raise
         self._exchange.run(self.traffic)
@@ -226,12 +244,14 @@ class DistributedEngine(GatheredView):
         self.everyone["fresh"][chosen] = True
         self.local.pool.forget(np.flatnonzero(np.isin(self.local.rows, chosen)).tolist())
 
-    def restore(self, contents: Mapping[str, NDArray], physics: Physics, steps: int) -> None:
+    def restore(
+        self, contents: Mapping[str, NDArray], physics: Physics, steps: int, ticks: int
+    ) -> None:
         """See `Engine`; every rank takes its share of the state."""
         self.change()
         self.everyone.require(_shared(physics))
         self.everyone.restore(contents)
-        self.local.adopt(physics, steps)
+        self.local.adopt(physics, steps, ticks)
         self._boxes.owner = self._best_owners(contents["origin"], contents["shape"])
         rows = np.flatnonzero(self._boxes.owner == self.comm.rank)
         own = np.ones(len(rows), bool)
@@ -300,7 +320,7 @@ class DistributedEngine(GatheredView):
         surveys, moved = local.pool.surveys[local.own], local.moved
         mine = np.array([
             len(moved), (surveys[:, BAD] > 0).sum(), (surveys[:, CORE] == 0).sum(),
-            error is not None,
+            error is not None, error is None or not local.whole,
         ])  # fmt: skip
         counts = np.zeros((self.comm.size, len(mine)), np.int64)
         self.comm.Allgather(mine, counts)
@@ -308,6 +328,7 @@ class DistributedEngine(GatheredView):
         self.traffic.notices += mine.nbytes
         self.traffic.seconds += time.perf_counter() - begin
         if self._found[FAILED]:
+            self.whole = not self._found[TOUCHED]
             raise_agreed(self.comm, error)
         if self._found[MOVED]:
             told = self._boxes.update(local, moved, counts[:, MOVED].copy())

@@ -12,7 +12,13 @@ from morphosim.mpi.distributed_engine import DistributedEngine
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene import stability
 from morphosim.simulation.changes import used_names
-from morphosim.simulation.observers import Observer, as_observers, finish_all, tell_step
+from morphosim.simulation.observers import (
+    Observer,
+    as_observers,
+    finish_all,
+    next_time,
+    tell_step,
+)
 from morphosim.simulation.simulation import Simulation
 from morphosim.simulation.start import cell_columns, start_fields
 
@@ -135,6 +141,16 @@ class RootObserver:
             self._check()
 
         on_root(simulation, tell)
+
+    def next_time(self, simulation: Simulation) -> float | None:
+        """See `Observer`."""
+        said: list[float | None] = [None]
+
+        def ask() -> None:
+            said[0] = next_time(self.observers, simulation)
+
+        on_root(simulation, ask)
+        return cast("float | None", world().bcast(said[0]))
 
     def stage_ended(self, simulation: Simulation) -> None:
         """See `Observer`."""

@@ -69,9 +69,14 @@ class LocalEngine(Engine):
         self.enrol()
         self._lay_start(fields)
 
-    def adopt(self, physics: Physics, steps: int) -> None:
+    def aim(self, time: float) -> None:
+        """Set the target volumes V(t) of all cells, and take over those of the cells held."""
+        super().aim(time)
+        self.cells["target"][:] = self._everyone["target"][self.rows]
+
+    def adopt(self, physics: Physics, steps: int, ticks: int) -> None:
         """Go on from a saved state of these physics; `hold` and `take` bring its cells."""
-        self.physics, self.steps = physics, steps
+        self.physics, self.steps, self.ticks = physics, steps, ticks
         self.cells.require((*COLUMNS, *physics.columns))
         self.own[:] = False  # nothing that is held stays
         self.change()

@@ -11,6 +11,8 @@ from morphosim.numerics.threads import automatic_threads
 SCHEMES = ("bdf2", "imex1", "euler", "linearised")
 SOLVERS = {"dct": "cosine", "band": "band", "linearised": "linearised"}
 """Solvers, and the modules of `engine.solvers` that make them."""
+OWN_SOLVERS = {"euler": "band", "linearised": "linearised"}
+"""Solvers of the schemes that leave no choice."""
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
 LAPLACIANS = ("exact", "stencil")
@@ -18,6 +20,10 @@ WALLS = ("resolved", "stepped")
 MOST_SWEEPS, LARGEST_SEED = 1000, 2**64 - 1
 MOST_STEPS = 10**11
 """Most steps of a run: at a thousand a second, three years."""
+PARTS, LONGEST = 64, 16
+"""With a tolerance steps last from δt / PARTS, which is a tick, to LONGEST δt."""
+MOST_TICKS = MOST_STEPS * PARTS
+LARGEST_TOLERANCE = 1000.0
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
     "fast": {"solver": "band"},
@@ -36,11 +42,18 @@ class Numerics:
     ----------
     dt : float
         Time step δt, *in silico* time. S δt²/τ must be short for the run: see `stability.missed`.
+        With a tolerance that of the first step.
+    tolerance : float, optional
+        Error in time that steps may make, in nm of a cell's interface per 100 units of *in silico*
+        time; of cells that go farther than 1 µm in that time, so many per mille of their way. The
+        steps' lengths follow from it, from δt/64 to 16 δt. By default all steps are δt.
     S : float
         Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
         "euler". See `stability.least_S`: walls that are not resolved need 12 to 16 at δt = 2.
-    scheme : {"bdf2", "imex1", "euler"}
-        Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), or explicit Euler.
+    scheme : {"bdf2", "imex1", "euler", "linearised"}
+        Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), explicit Euler, or second
+        order with the forces' own derivative implicit at each point, for long steps. A tolerance
+        needs "linearised", and takes it instead of "bdf2".
     start_S : float, optional
         Stabilisation of the first step of "bdf2"; by default S, as published. S acts as inertia:
         after a stabilised start velocities take S δt/τ steps to build up. Start a smooth state
@@ -48,7 +61,7 @@ class Numerics:
     solver : {"dct", "band"}
         How the implicit step is solved: exactly, by cosine transforms of each box, or by `sweeps`
         Chebyshev iterations on the narrow band, the rows where the field is not 0. Not used by
-        "euler", which is explicit and works on the band.
+        "euler" and "linearised", which work on the band.
     sweeps : int
         Least number of Chebyshev iterations of the "band" solver; more are taken where fewer would
         not converge (see `numerics.chebyshev`).
@@ -104,15 +117,13 @@ class Numerics:
 
     def __post_init__(self) -> None:
         _validate.number("numerics.dt", self.dt, above=0)
-        if self.tolerance is not None:
-            _validate.number("numerics.tolerance", self.tolerance, above=0)
-            if self.scheme == "bdf2":
-                object.__setattr__(self, "scheme", "linearised")
         _validate.number("numerics.S", self.S, least=0)
         _validate.choice("numerics.scheme", self.scheme, SCHEMES)
+        self._check_tolerance()
         if self.start_S is not None:
             _validate.number("numerics.start_S", self.start_S, least=0)
-        _validate.choice("numerics.solver", self.solver, ("dct", "band"))
+        choices = [name for name in SOLVERS if name not in SCHEMES]
+        _validate.choice("numerics.solver", self.solver, choices)
         _validate.integer("numerics.sweeps", self.sweeps, least=2, most=MOST_SWEEPS)
         _validate.number("numerics.spacing", self.spacing, above=0)
         _validate.choice("numerics.order", self.order, (2, 4, 6))
@@ -124,6 +135,19 @@ class Numerics:
         _validate.integer("numerics.threads", self.threads, least=0)
         _validate.integer("numerics.seed", self.seed, least=0, most=LARGEST_SEED)
         _validate.flag("numerics.allow_coarse", self.allow_coarse)
+
+    def _check_tolerance(self) -> None:
+        """Have "linearised" instead of "bdf2" where there is a tolerance; ValueError for others."""
+        if self.tolerance is None:
+            return
+        _validate.number("numerics.tolerance", self.tolerance, above=0, most=LARGEST_TOLERANCE)
+        if self.scheme not in ("bdf2", "linearised"):
+            message = (
+                f"numerics.tolerance = {self.tolerance:g} with scheme = {self.scheme!r}, whose "
+                "steps are all of one length; take scheme = 'linearised', or no tolerance"
+            )
+            raise ValueError(message)
+        object.__setattr__(self, "scheme", "linearised")
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> Self:
@@ -154,36 +178,33 @@ class Numerics:
 
     @property
     def active_solver(self) -> str:
-        """The solver at work: explicit Euler has that of the band alone."""
-        own = {"euler": "band", "linearised": "linearised"}
-        return own.get(self.scheme, self.solver)
+        """The solver at work: some schemes have one of their own."""
+        return OWN_SOLVERS.get(self.scheme, self.solver)
 
     @property
     def tick(self) -> float:
-        return self.dt if self.tolerance is None else self.dt / 64
-
-    first_ticks = 16
-    longest_ticks = 16 * 64
+        """*In silico* time of a tick, in which time is counted: δt, or δt / 64 with a tolerance."""
+        return self.dt if self.tolerance is None else self.dt / PARTS
 
     @property
     def worker_count(self) -> int:
         """Number of threads to use: `threads`, or as many as this process can have."""
         return self.threads or automatic_threads()
 
-    def steps_to(self, time: float, what: str = "time") -> int:
-        """Number of steps of δt that reach an *in silico* time.
+    def ticks_to(self, time: float, what: str = "time") -> int:
+        """Number of ticks that reach an *in silico* time.
 
         Raises
         ------
         ValueError
             They are more than any computer takes; `what` names the time.
         """
-        steps = np.ceil(time / self.dt - 1e-9)
-        if steps > MOST_STEPS:
+        if time > MOST_STEPS * self.dt:
             message = (
-                f"{what} = {time:g} takes {steps:.3g} steps of numerics.dt = {self.dt:g}; at most "
-                f"{MOST_STEPS:g} are allowed (at a thousand a second, three years). Take a shorter "
-                "time, or a larger dt"
+                f"{what} = {time:g} takes {time / self.dt:.3g} steps of numerics.dt = "
+                f"{self.dt:g}; at most {MOST_STEPS:g} are allowed (at a thousand a second, three "
+                "years). Take a shorter time, or a larger dt"
             )
             raise ValueError(message)
-        return int(steps)
+        ticks = time / self.tick
+        return int(np.ceil(ticks - max(1e-9, 1e-15 * ticks)))

@@ -22,7 +22,8 @@ class Motility(Term):
     """- κ √δt u·∇φ, u standard normal per cell and step (Eq. 11, S3).
 
     As published, a free cell's mean-square displacement along an axis is (κ δt/τ)² t: it depends on
-    δt.
+    δt. A step of another length h draws -κ δt/√h u·∇φ: displacements in h have a variance of
+    (κ δt/τ)² h, so that they add up to the same.
 
     Attributes
     ----------
@@ -75,7 +76,8 @@ class Motility(Term):
         """Draw u, and add the drift."""
         normals = cells["normals"]
         normal_vectors(np.uint64(step.seed), np.uint64(step.number), cells["id"], normals)
-        normals *= (-np.sqrt(step.dt) * cells["kappa"])[:, None]
+        strength = np.sqrt(step.dt) * (step.usual_dt / step.dt)
+        normals *= (-strength * cells["kappa"])[:, None]
         np.add(forces.drift, normals, out=forces.drift)
 
     def concern(self, conditions: Conditions) -> Concern | None:

@@ -37,9 +37,13 @@ class Step:
     Attributes
     ----------
     number : int
-        Steps taken before it.
+        Of the tick at which it begins: of steps before it, where all are of the same length.
+    time : float
+        *In silico* time at which it begins.
     dt : float
-        δt, *in silico* time.
+        Its length, *in silico* time.
+    usual_dt : float
+        `Numerics.dt`; the same, unless a tolerance has steps of other lengths.
     seed : int
         `Numerics.seed`. Draw random numbers from it, `number` and a cell's id alone, as
         `kernels.noise` does: then they depend neither on threads nor on other cells.
@@ -48,16 +52,13 @@ class Step:
     """
 
     number: int
+    time: float
     dt: float
+    usual_dt: float
     seed: int
     volumes: Floats
 
     __repr__ = short_repr
-
-    @property
-    def time(self) -> float:
-        """*In silico* time at the beginning of the step."""
-        return self.number * self.dt
 
 
 @dataclass(slots=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing
 from morphosim._shown import short_repr
+from morphosim.numerics.parameters import Numerics
 from morphosim.physics.term import Term
 from morphosim.provenance import versions
 from morphosim.runs.identity import Identity
@@ -35,6 +36,7 @@ class Checkpoint:
     ----------
     physics : what a scene file says of the physics that hold
     steps : steps taken
+    ticks : ticks passed; in states of version 0.2 not said, and as many as steps
     stage : name of the stage
     removed : (time, name) of cells that were taken out
     settings : what the scene says that must stay the same, see `fingerprint.settings`
@@ -50,6 +52,7 @@ class Checkpoint:
 
     physics: Mapping[str, Any]
     steps: int
+    ticks: int
     stage: str
     removed: tuple[tuple[float, str], ...]
     settings: Mapping[str, Any]
@@ -62,6 +65,11 @@ class Checkpoint:
     error: str = ""
 
     __repr__ = short_repr
+
+    @property
+    def time(self) -> float:
+        """*In silico* time."""
+        return self.ticks * Numerics(**self.settings["numerics"]).tick
 
     @property
     def names(self) -> list[str]:
@@ -139,9 +147,10 @@ class Checkpoint:
         if bad:
             message = f"{path}: {bad[0]} of the saved state is not finite"
             raise ValueError(message)
-        if not isinstance(self.steps, int) or self.steps < 0:
-            message = f"{path}: the saved state is at step {self.steps!r}; expected a count"
-            raise ValueError(message)
+        for what, count in (("step", self.steps), ("tick", self.ticks)):
+            if not isinstance(count, int) or count < 0:
+                message = f"{path}: the saved state is at {what} {count!r}; expected a count"
+                raise ValueError(message)
         if self.back is not None:
             self.back._check(path)
 
@@ -151,6 +160,7 @@ class Checkpoint:
         del facts["format"], facts["version"]
         facts["removed"] = tuple((time, name) for time, name in facts["removed"])
         facts["used"] = tuple(facts["used"])
+        facts.setdefault("ticks", facts["steps"])
         facts["identity"] = Identity(**facts["identity"])
         inner = {
             name.removeprefix(BACK): arrays.pop(name)

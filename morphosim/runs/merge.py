@@ -104,9 +104,9 @@ class Save:
         return [str(name) for name in self.table["cell"]]
 
     @property
-    def step(self) -> int:
-        """Steps taken."""
-        return int(self.table["step"][0])
+    def time(self) -> float:
+        """*In silico* time."""
+        return float(self.table["time"][0])
 
     @property
     def run_id(self) -> str:

@@ -36,6 +36,10 @@ class Observed(Protocol):
         """Steps taken."""
 
     @property
+    def ticks(self) -> int:
+        """Ticks passed: what *in silico* time is counted in, see `Numerics.tick`."""
+
+    @property
     def whole(self) -> bool:
         """Whether all cells are at the same step; false if a step has been broken off."""
 

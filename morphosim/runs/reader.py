@@ -123,7 +123,7 @@ def _in_order(saves: Sequence[Save]) -> list[Save]:
     """Saves without those that a later one has gone back behind."""
     kept: list[Save] = []
     for save in reversed(saves):
-        if not kept or save.step < kept[-1].step:
+        if not kept or save.time < kept[-1].time:
             kept.append(save)
         else:
             _leave_out(f"{save.path} is not of an earlier time than {kept[-1].path}")

@@ -87,7 +87,7 @@ def _last_state(files: RunDirectory, at: int, last: SaveFacts | None) -> Checkpo
         except ValueError as error:
             faults.append(error)
             continue
-        if last is not None and number > at and state.steps <= last.step:
+        if last is not None and number > at and state.time <= last.time:
             again = state  # from a stage's end that went back; the run comes to it once more
             continue
         for fault in faults:
@@ -116,7 +116,10 @@ def _check_belongs(
     if last is None or save is None or save.run_id != last.run_id:
         return
     spacing = state.settings["numerics"]["spacing"]
-    at = (("step", state.steps, save.step), ("cells", state.names, save.cells))
+    at = (
+        ("step", state.steps, save.step), ("time", state.time, save.time),
+        ("cells", state.names, save.cells),
+    )  # fmt: skip
     for what, its, saved in at:
         if its != saved:
             message = f"{path} does not fit its save: {what} {its}, where the save has {saved}"
@@ -172,7 +175,7 @@ def _scene_at(directory: Path, save: Any, fields: Sequence[CellField]) -> Scene:
                 volume=_later(given, float(save["time"]), target), shape=shape,
             )
         )  # fmt: skip
-    physics = physics_of(_physics_at(directory, int(save["step"])), [])
+    physics = physics_of(_physics_at(directory, float(save["time"])), [])
     names, types = [cell.name for cell in cells], {cell.type for cell in cells}
     return replace(scene, cells=cells, stages=(), physics=physics.among(names, types))
 
@@ -186,14 +189,14 @@ def _later(volume: Any, time: float, target: float) -> Any:
     return lambda t: volume(t + time)
 
 
-def _physics_at(directory: Path, step: int) -> dict[str, Any]:
+def _physics_at(directory: Path, time: float) -> dict[str, Any]:
     """Physics that held at a save."""
     import netCDF4
 
     files = RunDirectory(directory)
     for number, facts in whole_saves(files):
-        if facts.step == step:
+        if facts.time == time:
             with netCDF4.Dataset(files.save(number)) as file:
                 return dict(json.loads(file.getncattr("physics")))
-    message = f"{directory} has no save of step {step}"
+    message = f"{directory} has no save of t = {time:g}"
     raise FileNotFoundError(message)

@@ -13,6 +13,7 @@ from morphosim._files import replacing
 from morphosim.errors import SaveError
 from morphosim.measure.motion import Positions
 from morphosim.measure.variable import VariableError
+from morphosim.numerics.parameters import PARTS, Numerics
 from morphosim.runs.directory import RunDirectory
 from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.netcdf_variables import stored_variables
@@ -26,7 +27,7 @@ from morphosim.scene.stages import check_interval
 from morphosim.scene.term_tables import term_table
 
 LEAST_INTERVAL = 1e-3
-"""Of time between saves, in steps."""
+"""Of time between saves, in the shortest steps."""
 _log = logging.getLogger(__name__)
 
 
@@ -85,7 +86,7 @@ class RunWriter:
         _validate.flag("overwrite", overwrite)
         self.fields, self.labels, self.resume = fields, labels, resume
         self.overwrite = overwrite
-        self._number = self._saved = -1
+        self._number, self._saved = -1, -1.0
         if not (resume or overwrite):
             self.files.check_free()
         self._make_folder()
@@ -99,7 +100,7 @@ class RunWriter:
         cls, scene: Scene, directory: str | Path, resume: bool = False, overwrite: bool = False
     ) -> "RunWriter":
         """Writer that saves when, and what, a scene says; see `start` for what it refuses."""
-        _check_interval(scene.save_every, scene.numerics.dt)  # before there is a directory
+        _check_interval(scene.save_every, scene.numerics)  # before there is a directory
         return cls(
             directory, scene.save_every, fields=scene.save_fields, labels=scene.save_labels,
             resume=resume, overwrite=overwrite,
@@ -119,7 +120,7 @@ class RunWriter:
             The physics, now or in a later stage, have a term that no file can say: the run could
             not go on from a save. Or saves are to be far closer together than steps.
         """
-        _check_interval(self.every, simulation.scene.numerics.dt)
+        _check_interval(self.every, simulation.scene.numerics)
         _check_terms(simulation)
         self._failed = False
         self._lock = self.files.locked()
@@ -132,12 +133,17 @@ class RunWriter:
 
     def after_step(self, simulation: Observed) -> None:
         """Save if a save is due."""
-        steps = simulation.steps
-        if steps == self._measured_from:
+        ticks = simulation.ticks
+        if ticks == self._measured_from:
             self._marks.append(_positions(simulation))
-        if steps >= self._due:
+        if ticks >= self._due:
             self._save(simulation)
             self._plan(simulation)
+
+    def next_time(self, simulation: Observed) -> float:
+        """*In silico* time of the next save, or from which its speed is measured."""
+        wanted = self._measured_from if simulation.ticks < self._measured_from else self._due
+        return wanted * simulation.scene.numerics.tick
 
     def stage_ended(self, simulation: Observed) -> None:
         """Save the end of a stage; saves of then and later, if it ends in the past, are dropped."""
@@ -148,7 +154,7 @@ class RunWriter:
         """Save the last state, unless a step or a save has failed, and unlock the directory."""
         try:
             if simulation.whole and not self._failed:
-                says_why = not simulation.stopped or self._told[-1][0] < simulation.steps
+                says_why = not simulation.stopped or self._told[-1][0] < simulation.time
                 (self._save if says_why else self._save_again)(simulation)
                 self.files.drop_after(self._number)  # where a run has gone on from before these
         finally:
@@ -156,7 +162,7 @@ class RunWriter:
 
     def holds(self, simulation: Observed) -> bool:
         """Whether the last save is of the present state."""
-        return self._saved == simulation.steps
+        return self._saved == simulation.time
 
     def _begin(self, simulation: Observed) -> None:
         self._marks: deque[Positions] = deque(maxlen=4)
@@ -168,7 +174,7 @@ class RunWriter:
             self.files.check_free()
         self.files.tidy()
         self._place = self.files.place
-        self._told = [(-1, 0)]  # steps of each save, and how many events it and those before tell
+        self._told = [(-1.0, 0)]  # time of each save, and how many events it and those before tell
         self._marks.append(_positions(simulation))
         if not self.resume:
             self._write_scene(simulation)
@@ -204,8 +210,8 @@ class RunWriter:
                     f"Simulation.from_run({str(self.directory)!r})"
                 )
                 raise ValueError(message)
-            if facts.step <= simulation.steps:
-                self._number, self._saved = number, facts.step
+            if facts.time <= simulation.time:
+                self._number, self._saved = number, facts.time
                 self._marks.append(Positions(facts.time, facts.cells, facts.centroid))
                 _check_variables(self.files.save(number))
                 return
@@ -221,15 +227,15 @@ class RunWriter:
             raise self._error(simulation, error) from error
 
     def _plan(self, simulation: Observed) -> None:
-        """Find the step at which the next save is due, and from which its speed is measured."""
-        dt, steps = simulation.scene.numerics.dt, simulation.steps
-        passed = np.floor(steps * dt / self.every + 1e-9)
-        self._due = max(int(np.ceil((passed + 1) * self.every / dt - 1e-6)), steps + 1)
-        self._measured_from = self._due - check_interval(dt)
+        """Find the tick at which the next save is due, and from which its speed is measured."""
+        tick, ticks = simulation.scene.numerics.tick, simulation.ticks
+        passed = np.floor(ticks * tick / self.every + 1e-9)
+        self._due = max(int(np.ceil((passed + 1) * self.every / tick - 1e-6)), ticks + 1)
+        self._measured_from = self._due - check_interval(tick)
 
     def _save(self, simulation: Observed, anew: bool = False) -> None:
-        """Save, unless the last save is of this step; `anew`, also then."""
-        if simulation.steps == self._saved and not anew:
+        """Save, unless the last save is of this time; `anew`, also then."""
+        if simulation.time == self._saved and not anew:
             return
         if self.files.place != self._place:
             self._failed = True
@@ -244,19 +250,19 @@ class RunWriter:
             raise self._error(simulation, error) from error
         _log.debug("saved t = %g in %s", simulation.time, self.files.save(number))
         self._other.submit(self.files.keep_states, number)
-        self._number, self._saved = number, simulation.steps
-        self._told.append((simulation.steps, len(simulation.events)))
+        self._number, self._saved = number, simulation.time
+        self._told.append((simulation.time, len(simulation.events)))
         self._marks.append(state.positions)
 
     def _save_again(self, simulation: Observed) -> None:
-        """Save, in place of saves of this step or later."""
-        if simulation.steps > self._saved:
+        """Save, in place of saves of this time or later."""
+        if simulation.time > self._saved:
             self._save(simulation)
             return
-        while self._told[-1][0] >= simulation.steps:
+        while self._told[-1][0] >= simulation.time:
             self._told.pop()
         self._save(simulation, anew=True)
-        self._drop_between(simulation.steps)
+        self._drop_between(simulation.time)
 
     def _write(self, number: int, state: MeasuredState) -> None:
         """Write a save and, at the same time, the checkpoint to go on from."""
@@ -271,11 +277,11 @@ class RunWriter:
         marks = [mark for mark in self._marks if mark.time < time]
         return max(marks, key=lambda mark: mark.time, default=None)
 
-    def _drop_between(self, steps: int) -> None:
-        """Delete the saves before the last one that are not of an earlier step."""
+    def _drop_between(self, time: float) -> None:
+        """Delete the saves before the last one that are not of an earlier time."""
         for number in reversed(self.files.saved[:-1]):
             facts = facts_of(self.files.save(number))
-            if facts is not None and facts.step < steps:
+            if facts is not None and facts.time < time:
                 return
             if facts is not None:
                 self.files.save(number).unlink()
@@ -307,15 +313,16 @@ class RunWriter:
         return SaveError(message)
 
 
-def _check_interval(every: float, dt: float) -> None:
+def _check_interval(every: float, numerics: Numerics) -> None:
     """Raise ValueError if saves are far closer together than steps, after which they are made.
 
     A little closer is one save for each step: presets change δt.
     """
-    if every < LEAST_INTERVAL * dt:
+    if every < LEAST_INTERVAL * numerics.tick:
+        of = "" if numerics.tolerance is None else f" / {PARTS}, the shortest"
         message = (
-            f"save_every = {every:g} is far shorter than a step of numerics.dt = {dt:g}, and saves "
-            f"are made after steps. Take at least {dt:g}"
+            f"save_every = {every:g} is far shorter than a step of numerics.dt = {numerics.dt:g}"
+            f"{of}, and saves are made after steps. Take at least {numerics.tick:g}"
         )
         raise ValueError(message)
 

@@ -202,13 +202,13 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
         _apply(rehearsal, stage.rules, f"{where}: rules")
         with _validate.told_of(where):
             longest = stage.longest
-            steps = math.inf if math.isinf(longest) else numerics.steps_to(longest, "duration")
-        every = stage.rules_interval(numerics.dt)
-        if every < steps and every <= numerics.steps_to(duration):
+            ticks = math.inf if math.isinf(longest) else numerics.ticks_to(longest, "duration")
+        every = stage.rules_interval(numerics.tick)
+        if every < ticks and every <= numerics.ticks_to(duration):
             again = f"{where}, as rules_every = {stage.rules_every:g} have passed: rules"
             _apply(rehearsal, stage.rules, again)
         known = isinstance(stage.end, Duration) and rehearsal.time is not None
-        rehearsal.time = (rehearsal.time or 0.0) + steps * numerics.dt if known else None
+        rehearsal.time = (rehearsal.time or 0.0) + ticks * numerics.tick if known else None
 
 
 def _apply(rehearsal: Rehearsal, events: Sequence[Event], where: str) -> None:

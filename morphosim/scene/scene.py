@@ -83,7 +83,7 @@ class Scene:
         _validate.unique("cell name", self.names)
         _validate.number("scene.duration", self.duration, least=0)
         _validate.number("scene.save_every", self.save_every, above=0)
-        self.numerics.steps_to(self.duration, "scene.duration")
+        self.numerics.ticks_to(self.duration, "scene.duration")
         _validate.choice("scene.save_fields", self.save_fields, SAVE_FIELDS)
         _validate.flag("scene.save_labels", self.save_labels)
         _validate.choice("scene.on_vanish", self.on_vanish, ON_VANISH)

@@ -15,9 +15,9 @@ CHECK_TIME = 10.0
 """*In silico* time between two looks at the centroids."""
 
 
-def check_interval(dt: float) -> int:
-    """Steps between two looks at the centroids: FLOOR(10/δt), at least one."""
-    return max(int(CHECK_TIME / dt + 1e-9), 1)
+def check_interval(tick: float) -> int:
+    """Ticks between two looks at the centroids: FLOOR(10/δt) where a tick is δt, at least one."""
+    return max(int(CHECK_TIME / tick + 1e-9), 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ class Stage:
         What is applied after `physics` holds, and again and again while the stage lasts: cells
         that differentiate by contact, for example.
     rules_every : float
-        *In silico* time in between; rounded to steps.
+        *In silico* time in between; rounded to steps, where these are all δt.
     """
 
     name: str
@@ -83,9 +83,9 @@ class Stage:
         lasts = self.end.time if isinstance(self.end, Duration) else math.inf
         return lasts if self.limit is None else min(lasts, self.limit)
 
-    def rules_interval(self, dt: float) -> int:
-        """Steps between two times that its rules are applied: at least one."""
-        return max(round(self.rules_every / dt), 1)
+    def rules_interval(self, tick: float) -> int:
+        """Ticks between two times that its rules are applied: at least one."""
+        return max(round(self.rules_every / tick), 1)
 
     @property
     def daughters(self) -> list[str]:

@@ -42,8 +42,8 @@ class Changes:
 
     @property
     def time(self) -> float:
-        """*In silico* time: steps times δt."""
-        return self.engine.steps * self.engine.numerics.dt
+        """*In silico* time."""
+        return self.engine.time
 
     @property
     def physics(self) -> Physics:

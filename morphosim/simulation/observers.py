@@ -18,6 +18,10 @@ class Observer(Protocol[S_contra]):
 
     One that also has `stage_ended(simulation)` is told of a stage's last step by that instead of
     `after_step`; the simulation may have gone back to an earlier state then.
+
+    Steps whose lengths follow from a tolerance end wherever they do. An observer that must be told
+    at a time has `next_time(simulation)` too: the next *in silico* time at which a step has to end,
+    or None. It is asked before every such step.
     """
 
     def start(self, simulation: S_contra) -> None:
@@ -92,6 +96,16 @@ def tell_step(observers: Iterable[Observer[Any]], simulation: Any, stage_ended: 
             getattr(observer, "stage_ended", observer.after_step)(simulation)
         else:
             observer.after_step(simulation)
+
+
+def next_time(observers: Iterable[Observer[Any]], simulation: Any) -> float | None:
+    """The first of the times at which observers must be told, if any must."""
+    times = []
+    for observer in observers:
+        ask = getattr(observer, "next_time", None)
+        if callable(ask) and (time := ask(simulation)) is not None:
+            times.append(_validate.number(f"next_time of {type(observer).__name__}", time))
+    return min(times, default=None)
 
 
 def finish_all(

@@ -27,7 +27,7 @@ def relaxed(scene: Scene, time: float = RELAXATION, tell: Tell = silent) -> Scen
     time : float
         *In silico* time.
     tell : callable
-        Told after each step how many are done, and of how many.
+        Told after each step how many ticks have passed, and of how many.
 
     Returns
     -------
@@ -42,8 +42,5 @@ def relaxed(scene: Scene, time: float = RELAXATION, tell: Tell = silent) -> Scen
     _validate.number("time", time, above=0)
     free = [replace(cell, frozen=False) for cell in scene.cells]
     simulation = Simulation(replace(scene, cells=free, on_vanish="stop"))
-    steps = scene.numerics.steps_to(time)
-    for done in range(steps):
-        simulation.step()  # without the scene's stages
-        tell(done + 1, steps)
+    simulation.step_to(scene.numerics.ticks_to(time), tell)  # without the scene's stages
     return scene.with_fields(simulation.fields, scene.numerics.spacing)

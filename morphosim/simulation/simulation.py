@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
-from morphosim.numerics.parameters import MOST_STEPS
+from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS
+from morphosim.progress import Tell, silent
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.identity import Identity
 from morphosim.scene import stability
@@ -22,7 +23,13 @@ from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
 from morphosim.simulation.interrupts import deferred_interrupts
-from morphosim.simulation.observers import Observer, as_observers, finish_all, tell_step
+from morphosim.simulation.observers import (
+    Observer,
+    as_observers,
+    finish_all,
+    next_time,
+    tell_step,
+)
 from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.state import State
@@ -102,6 +109,7 @@ class Simulation(State):
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
         )
         self.engine = self._make_engine()
+        self.engine.targets = self._set_targets
         if state is None:
             self._start()
         else:
@@ -199,6 +207,7 @@ class Simulation(State):
         return Checkpoint(
             physics=physics_table(self.physics),
             steps=self.engine.steps,
+            ticks=self.engine.ticks,
             stage=self.stage,
             removed=tuple(self.removed),
             settings=self._settings,
@@ -226,7 +235,7 @@ class Simulation(State):
         known = {cell.name: cell.volume for cell in self.scene.cells if callable(cell.volume)}
         self._volumes = VolumeFunctions.of(state.volumes, known | self._volumes.functions)
         physics = physics_of(relocated(state.physics, self.scene.courses), state.names)
-        self.engine.restore(state.arrays, physics, state.steps)
+        self.engine.restore(state.arrays, physics, state.steps, state.ticks)
         self.stage, self.removed = state.stage, list(state.removed)
         self.identity = state.identity
         self._used = {*state.used, *state.names}
@@ -239,11 +248,11 @@ class Simulation(State):
     @property
     def finished(self) -> bool:
         """Whether the scene's duration, or the last of its stages, is over."""
-        over = self.engine.steps >= self.scene.numerics.steps_to(self.scene.duration)
+        over = self.ticks >= self.scene.numerics.ticks_to(self.scene.duration)
         return over or (bool(self.scene.stages) and self._stages.done)
 
     def step(self, steps: int = 1) -> None:
-        """Advance by a number of steps of δt.
+        """Advance by a number of steps: of δt, or as long as the tolerance allows.
 
         Raises
         ------
@@ -256,7 +265,27 @@ class Simulation(State):
         _validate.integer("steps", steps, least=0, most=MOST_STEPS)
         with self.engine.limited_threads():
             for _ in range(steps):
-                self._step()
+                self._step(MOST_TICKS)
+
+    def step_to(self, tick: int, tell: Tell = silent) -> None:
+        """Take steps until so many ticks have passed, without stages, events and observers.
+
+        Parameters
+        ----------
+        tick : int
+            See `Numerics.ticks_to`.
+        tell : callable
+            Told after each step how many ticks have passed, and how many are to pass.
+
+        Raises
+        ------
+        DivergenceError, CellVanishedError
+            See `step`.
+        """
+        with self.engine.limited_threads():
+            while self.ticks < tick:
+                self._step(tick - self.ticks)
+                tell(self.ticks, tick)
 
     def stop(self, why: str) -> None:
         """End the run after the present step, as if its end were there; it can go on later.
@@ -321,7 +350,7 @@ class Simulation(State):
             simulation with it.
         """
         end = self.scene.duration if until is None else _validate.number("until", until)
-        self.scene.numerics.steps_to(end, "until")
+        self.scene.numerics.ticks_to(end, "until")
         watching = as_observers(observers)
         self.until, self.stopped = end, ""
         started: list[Observer[Simulation]] = []
@@ -343,13 +372,13 @@ class Simulation(State):
 
     def _advance(self, observers: Sequence[Observer["Simulation"]]) -> None:
         """Take steps until the end of the run, or until somebody stops it."""
-        last, staged = self.scene.numerics.steps_to(self.until), bool(self.scene.stages)
+        last, staged = self.scene.numerics.ticks_to(self.until), bool(self.scene.stages)
         with self.engine.limited_threads(), deferred_interrupts() as check_interrupt:
             while not self._is_stopped():
-                if self.engine.steps >= last or (staged and self._stages.done):
+                if self.ticks >= last or (staged and self._stages.done):
                     return
                 self._stages.begin(self)
-                self._step()
+                self._step(self._due(last, observers) - self.ticks)
                 ends = staged and self._stages.after_step(self)
                 tell_step(observers, self, ends)
                 check_interrupt()
@@ -359,23 +388,40 @@ class Simulation(State):
         """Whether somebody has asked the run to end."""
         return bool(self.stopped)
 
-    def _step(self) -> None:
+    def _due(self, last: int, observers: Sequence[Observer["Simulation"]]) -> int:
+        """Tick that the next step must not pass: the end, or what stages or observers wait for."""
+        numerics = self.scene.numerics
+        if numerics.tolerance is None:  # steps are of one tick
+            return self.ticks + 1
+        due = [last]
+        if self.scene.stages:
+            due.append(self._stages.next_tick(numerics, self.ticks))
+        if (time := next_time(observers, self)) is not None:
+            due.append(numerics.ticks_to(time))
+        return max(min(due), self.ticks + 1)
+
+    def _set_targets(self, time: float) -> None:
+        """Set the target volumes that are functions of time."""
         everyone = self.engine.everyone
-        self._volumes.fill(everyone["target"], everyone, self.time)
-        self.engine.step()
+        self._volumes.fill(everyone["target"], everyone, time)
+
+    def _step(self, most: int) -> None:
+        """Take a step of at most so many ticks."""
+        before = self.time
+        self.engine.step(most)
         if (diverged := self.engine.diverged()).size:
-            self._raise_divergence(int(diverged[0]))
+            self._raise_divergence(int(diverged[0]), before)
         if (vanished := self.engine.vanished()).size and self.scene.on_vanish != "ignore":
             self._handle_vanished(vanished)
 
-    def _raise_divergence(self, i: int) -> None:
+    def _raise_divergence(self, i: int, before: float) -> None:
         numerics, name = self.scene.numerics, self.names[i]
         own = ", ".join(term.name for term in self.physics.terms)
         terms = f"; or look at your own force terms: {own}" if own else ""
         message = (
             f"cell {name!r} diverged at t = {self.time:g} (step {self.engine.steps}): "
             f"its field is not finite or exceeds {RUNAWAY:g} in magnitude. It keeps the field of "
-            f"t = {self.time - numerics.dt:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
+            f"t = {before:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
             f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces{terms}"
         )
         raise DivergenceError(message, time=self.time, cell=name)

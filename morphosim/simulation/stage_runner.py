@@ -1,5 +1,6 @@
 """How far a simulation is in its stages."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.measure.motion import Positions, root_mean_square
+from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.scene.stages import Stage, check_interval
 from morphosim.scene.target import Target
@@ -20,12 +22,12 @@ class Staged(Target, Protocol):
     events: list[tuple[float, str]]
 
     @property
-    def steps(self) -> int:
-        """Steps taken."""
+    def ticks(self) -> int:
+        """Ticks passed; see `Numerics.tick`."""
 
     @property
-    def dt(self) -> float:
-        """Time step δt."""
+    def tick(self) -> float:
+        """*In silico* time of a tick."""
 
     def checkpoint(self, alone: bool = False) -> Checkpoint:
         """The whole present state; `alone`, without how far the stages are."""
@@ -44,7 +46,7 @@ class StageRunner:
     index : int
         Number of the present stage; that of stages when all have ended.
     begun : int
-        Steps taken when it began; -1 before its start.
+        Ticks passed when it began; -1 before its start.
     speeds : v̄ at the checks so far
     last : Positions or None
         Where the cells were at the last check, if the stage's end looks at speeds.
@@ -78,15 +80,28 @@ class StageRunner:
             simulation.change_physics(**stage.physics)
         self._apply_rules(simulation, stage)
         simulation.stage = stage.name
-        self.begun, self.speeds = simulation.steps, []
+        self.begun, self.speeds = simulation.ticks, []
         self._look(simulation, stage)
+
+    def next_tick(self, numerics: Numerics, ticks: int) -> int:
+        """The first tick after `ticks` at which a step must end: a check, rules, or the end."""
+        stage, passed = self.stages[self.index], ticks - self.begun
+        intervals = []
+        if not stage.end.every_step or self.last is not None or self.back is not None:
+            intervals.append(check_interval(numerics.tick))
+        if stage.rules:
+            intervals.append(stage.rules_interval(numerics.tick))
+        due = [(passed // interval + 1) * interval for interval in intervals]
+        if math.isfinite(stage.longest):
+            due.append(numerics.ticks_to(stage.longest))
+        return self.begun + min(due, default=MOST_TICKS)
 
     def after_step(self, simulation: Staged) -> bool:
         """Whether the present stage ends with this step, which may take the simulation back."""
-        stage, dt = self.stages[self.index], simulation.dt
-        steps = simulation.steps - self.begun
-        elapsed = steps * dt
-        check = steps % check_interval(dt) == 0
+        stage, tick = self.stages[self.index], simulation.tick
+        ticks = simulation.ticks - self.begun
+        elapsed = ticks * tick
+        check = ticks % check_interval(tick) == 0
         if check and self.last is not None:
             moved = _positions(simulation).distance(self.last)
             self.speeds.append(root_mean_square(moved) / (simulation.time - self.last.time))
@@ -101,7 +116,7 @@ class StageRunner:
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
             self.index, self.begun, self.last, self.back = self.index + 1, -1, None, None
             return True
-        if steps % stage.rules_interval(dt) == 0:
+        if ticks % stage.rules_interval(tick) == 0:
             self._apply_rules(simulation, stage)
         return False
 

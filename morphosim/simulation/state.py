@@ -29,6 +29,11 @@ class State(Changes):
         return self.engine.steps
 
     @property
+    def ticks(self) -> int:
+        """Ticks passed: what *in silico* time is counted in, see `Numerics.tick`."""
+        return self.engine.ticks
+
+    @property
     def whole(self) -> bool:
         """Whether all cells are at the same step; false if a step has been broken off."""
         return self.engine.whole
@@ -37,6 +42,11 @@ class State(Changes):
     def dt(self) -> float:
         """Time step δt, *in silico* time."""
         return self.scene.numerics.dt
+
+    @property
+    def tick(self) -> float:
+        """*In silico* time of a tick."""
+        return self.scene.numerics.tick
 
     @property
     def spacing(self) -> float:

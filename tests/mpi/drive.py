@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from morphosim import (
     Sphere,
     Stage,
     Term,
+    VolumeCourse,
 )
 from morphosim.bench import packed_points
 from morphosim.errors import SimulationError
@@ -61,11 +62,14 @@ def numerics(**values: Any) -> Numerics:
 
 
 def moving() -> Scene:
-    """Cells that move by noise, and whose attraction depends on their types and on one pair."""
+    """Cells that move by noise and attract by types and in one pair, and of which one grows."""
     sigma = Attraction(types={("A", "A"): 0.5, ("B", "B"): 0.2}, pairs={("c0", "c1"): 0.9})
+    first, *others = cells(12)
+    growing = replace(first, volume=VolumeCourse(times=[0, 50], volumes=[250, 350]))
     return Scene(
-        cells=cells(12), physics=Physics(sigma=sigma, kappa=0.5), numerics=numerics(seed=3)
-    )
+        cells=[growing, *others], physics=Physics(sigma=sigma, kappa=0.5),
+        numerics=numerics(seed=3),
+    )  # fmt: skip
 
 
 def staged() -> Scene:

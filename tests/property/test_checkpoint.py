@@ -42,6 +42,7 @@ def checkpoints(back: st.SearchStrategy[Checkpoint | None]) -> st.SearchStrategy
         Checkpoint,
         physics=tables,
         steps=st.integers(0, 2**63),
+        ticks=st.integers(0, 2**63),
         stage=st.text(max_size=8),
         removed=st.lists(st.tuples(st.floats(0, 1e6), st.text(max_size=5)), max_size=2).map(tuple),
         settings=tables,

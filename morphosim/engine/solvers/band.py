@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.engine.solvers.solver import FixedSteps, Solver, StepState
+from morphosim.engine.solvers.solver import FixedSteps, MostOfAll, Solver, StepState
 from morphosim.kernels.layout import CellTerms
 from morphosim.kernels.step import step_band
 from morphosim.numerics.chebyshev import (
@@ -52,7 +52,7 @@ class BandSolver(FixedSteps):
         """See `Solver`."""
         return np.asarray(shape.prod(axis=1), float)
 
-    def advance(self, state: StepState) -> None:
+    def advance(self, state: StepState, most_of_all: MostOfAll) -> None:
         """See `Solver`."""
         step_band(
             *state._replace(terms=self.with_weights(state.terms)).acting(), state.workspace.found,

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.solvers.cosine_transforms import CosineTables, transform_cost
-from morphosim.engine.solvers.solver import FixedSteps, Solver, StepState
+from morphosim.engine.solvers.solver import FixedSteps, MostOfAll, Solver, StepState
 from morphosim.kernels.step import step_transform
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
@@ -42,7 +42,7 @@ class CosineSolver(FixedSteps):
         """See `Solver`."""
         return transform_cost(shape)
 
-    def advance(self, state: StepState) -> None:
+    def advance(self, state: StepState, most_of_all: MostOfAll) -> None:
         """See `Solver`."""
         step_transform(
             *state.acting(), state.workspace.found, state.workspace.measured, state.stencil,

@@ -12,7 +12,7 @@ from morphosim.engine.solvers.cosine_transforms import (
     SciPyTransform,
     transform_cost,
 )
-from morphosim.engine.solvers.solver import FixedSteps, StepState
+from morphosim.engine.solvers.solver import FixedSteps, MostOfAll, StepState
 from morphosim.kernels.step import accept_all, prepare_all
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
@@ -51,7 +51,7 @@ class LibrarySolver(FixedSteps):
         """See `Solver`."""
         return transform_cost(shape)
 
-    def advance(self, state: StepState) -> None:
+    def advance(self, state: StepState, most_of_all: MostOfAll) -> None:
         """See `Solver`."""
         pool, schedule, workspace = state.pool, state.schedule, state.workspace
         if len(self._rhs) != len(pool.phi):

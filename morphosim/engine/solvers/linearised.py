@@ -1,5 +1,6 @@
 """The linearly implicit step: Newton's method about an extrapolation, on the narrow band."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,8 @@ from numpy.typing import NDArray
 
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.scheduling import Schedule
-from morphosim.engine.solvers.solver import Solver, StepState
-from morphosim.engine.step_control import StepControl, Verdict
+from morphosim.engine.solvers.solver import MostOfAll, Solver, StepState
+from morphosim.engine.step_control import FIRST, PATIENCE, StepControl
 from morphosim.kernels.boxes import BAD, N_SURVEYED
 from morphosim.kernels.layout import Linearisation
 from morphosim.kernels.linearised import N_CHANGES, stretch, take_steps, try_steps
@@ -17,15 +18,15 @@ from morphosim.numerics.chebyshev import (
     chebyshev_roots,
     largest_eigenvalue,
 )
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.parameters import PARTS, Numerics
 from morphosim.numerics.schemes import stabilisation
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
 WELL = 5.0
-"""Largest W'' in terms of c: that at φ = -0.2 and 1.2."""
+"""Largest W'' that fields come to, in c: that at φ = -0.2 and 1.2."""
 SHIFT = 0.4
-"""k² / c of a shifted interface: ∫ φ''² / ∫ φ'² of the profile (1 + tanh(x √(c/2)))/ 2."""
+"""∫ φ''² / ∫ φ'² in c, of the interface's profile: what -Δ is for a shift of it."""
 
 
 def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
@@ -34,14 +35,20 @@ def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
 
 
 class LinearisedSolver:
-    """See `Solver` and `kernels.linearised`."""
+    """See `Solver` and `kernels.linearised`.
 
-    on_band = True
+    Attributes
+    ----------
+    before, laid : int
+        Ticks of the last step, and of the step for which φ* is laid.
+    """
+
+    on_band = looks_ahead = True
 
     def __init__(self, numerics: Numerics, dtype: np.dtype) -> None:
         self._numerics, self._dtype = numerics, dtype
-        self._control = None if numerics.tolerance is None else StepControl(numerics)
-        self._before = self._laid = 1
+        self._control = StepControl(numerics) if numerics.tolerance else None
+        self.before = self.laid = 1 if self._control is None else FIRST
         self._new = np.zeros(0, dtype)
         self._rows = np.zeros((0, 2), np.int32)
         self._surveys = np.zeros((0, N_SURVEYED))
@@ -53,14 +60,19 @@ class LinearisedSolver:
         parts = (self._new, self._rows, self._surveys, self._changes)
         return sum(part.nbytes for part in parts)
 
+    @property
+    def overdue(self) -> bool:
+        """See `Solver`."""
+        return self._control is not None and self._control.missed > PATIENCE
+
     def set_up(
         self, physics: Physics, tensions: Floats, present: Floats, explicit_rate: float
     ) -> None:
         """See `Solver`."""
-        self._rate = explicit_rate
-        self._tau, self._c = physics.tau, physics.c
+        self._tau, self._c, self._rate = physics.tau, physics.c, explicit_rate
+        self._random = any(term.random for term in physics.active_terms)
         self._stiffest = float(present.max()) if len(present) else 0.0
-        self._lengths: dict[tuple[int, int], Any] = {}
+        self._iterations: dict[Any, tuple[NDArray, NDArray]] = {}
 
     def lay_out(self, shape: NDArray[np.int64]) -> None:
         """See `Solver`."""
@@ -69,58 +81,82 @@ class LinearisedSolver:
         """See `Solver`."""
         return np.asarray(shape.prod(axis=1), float)
 
-    def fit(self, most: int, pool: BoxPool, schedule: Schedule) -> int:
+    def contents(self) -> dict[str, NDArray]:
+        """See `Solver`."""
+        planned, missed = (
+            (1, 0) if self._control is None else (self._control.planned, self._control.missed)
+        )
+        return {"stepping": np.array([self.before, self.laid, planned, missed])}
+
+    def restore(self, contents: Mapping[str, NDArray]) -> None:
+        """See `Solver`."""
+        self.before, self.laid, planned, missed = contents["stepping"].tolist()
+        if self._control is not None:
+            self._control.planned, self._control.missed = planned, missed
+
+    def fit(self, most: int, fresh: bool) -> int:
         """See `Solver`."""
         if self._control is None:
             return 1
-        if pool.cells["fresh"][schedule.order].any():
-            self._control.begin()
-        ticks = self._control.fitted(self._control.planned, most)
-        self._lay(ticks, pool, schedule)
-        return ticks
+        if self._random:  # steps of δt: noise is no error, and tells none
+            self._control.planned = PARTS
+        return self._control.fit(most, fresh and not self._random)
 
-    def advance(self, state: StepState) -> int | None:
+    def make_ready(self, ticks: int, pool: BoxPool, schedule: Schedule) -> bool:
+        """See `Solver`: lay φ* for a step of so many ticks."""
+        if ticks == self.laid:
+            return False
+        stretch(
+            schedule.bounds, schedule.order, pool.phi, pool.acting,
+            self._dtype.type(ticks / self.laid), pool.boxes, pool.totals,
+        )  # fmt: skip
+        self.laid = ticks
+        return True
+
+    def advance(self, state: StepState, most_of_all: MostOfAll) -> int | None:
         """See `Solver`."""
         self._try(state)
-        pool, order = state.pool, state.schedule.order
-        verdict: Verdict | None = None
-        growth = 1.0
-        self._taken = state.ticks
-        if self._control is not None:
-            if not self._surveys[order, BAD].any():
-                verdict = self._control.judge(
-                    self._changes, state.ticks, self._before, self._damped(state.ticks),
-                    pool.cells, order,
-                )
-            if shorter := self._control.shorter(state.ticks, verdict):
-                self._control.planned = shorter
-                self._lay(shorter, pool, state.schedule)
-                return shorter
-            if verdict is not None:
-                pool.cells["acceleration"][order] = verdict.acceleration
-                growth = self._control.plan(state.ticks, verdict) / state.ticks
-        take_steps(
-            state.schedule.bounds, order, self._target(pool), pool.phi, pool.history,
-            self._dtype.type(growth), pool.boxes, self._rows, self._surveys, pool.surveys,
-            pool.lost, pool.totals,
-        )  # fmt: skip
-        self._before = state.ticks
-        self._laid = state.ticks if self._control is None else self._control.planned
-        return None
+        if self._control is None:
+            self._take(state, 1)
+            return None
+        shorter = self._settle(state, self._control, most_of_all)
+        if shorter is None:
+            self._take(state, self._control.planned)
+        return shorter
 
-    def _lay(self, ticks: int, pool: BoxPool, schedule: Schedule) -> None:
-        """Lay φ* for a step of so many ticks."""
-        if ticks != self._laid:
-            stretch(
-                schedule.bounds, schedule.order, pool.phi, pool.history,
-                self._dtype.type(ticks / self._laid), pool.boxes, pool.totals,
-            )  # fmt: skip
-            self._laid = ticks
+    def _settle(
+        self, state: StepState, control: StepControl, most_of_all: MostOfAll
+    ) -> int | None:
+        """Length to try instead of the step that was tried; None, and a plan, if it is taken."""
+        cells, rows, ticks = state.pool.cells, state.schedule.order, state.ticks
+        verdict = control.judge(
+            self._changes, ticks, self.before, self._spread(ticks) * SHIFT * self._c / self._tau,
+            cells, rows,
+        )  # fmt: skip
+        bad = np.inf if self._surveys[rows, BAD].any() else 0.0
+        worst = np.array([max(verdict.excess, bad), control.reach(verdict, ticks)])
+        excess, reach = most_of_all(np.nan_to_num(worst, nan=np.inf)).tolist()
+        if self._random and np.isfinite(excess):
+            excess = reach = 0.0
+        shorter = control.shorter(ticks, excess, reach)
+        if shorter is None:
+            control.plan(ticks, excess, reach)
+            control.note(verdict, ticks, cells, rows)
+        return shorter
+
+    def _take(self, state: StepState, planned: int) -> None:
+        """Take the step that was tried, and lay φ* for one of `planned` ticks."""
+        pool, schedule = state.pool, state.schedule
+        take_steps(
+            schedule.bounds, schedule.order, self._target(pool), pool.phi, pool.acting,
+            self._dtype.type(planned / state.ticks), pool.boxes, self._rows, self._surveys,
+            pool.surveys, pool.lost, pool.totals,
+        )  # fmt: skip
+        self.before, self.laid = state.ticks, planned
 
     def _target(self, pool: BoxPool) -> NDArray[np.floating]:
         """Pool for new fields; φ* gives its place where no step is tried again."""
-        assert pool.history is not None
-        return pool.history if self._control is None else self._new
+        return pool.acting if self._control is None else self._new
 
     def _reserve(self, pool: BoxPool) -> None:
         if self._control is not None and len(self._new) != len(pool.phi):
@@ -132,17 +168,17 @@ class LinearisedSolver:
             self._surveys = np.zeros((len(pool), N_SURVEYED))
 
     def _try(self, state: StepState) -> None:
-        pool, real = state.pool, self._dtype.type
-        self.tries = getattr(self, 'tries', 0) + 1
+        """Solve for the new fields of a step."""
+        pool, ticks, real = state.pool, state.ticks, self._dtype.type
         self._reserve(pool)
-        ratio = state.ticks / self._before
-        rate = self._tau / (state.ticks * self._numerics.tick)
-        later = rate * (1 + 2 * ratio) / (1 + ratio)
-        counts, weights = self._iterations(len(pool), later, state)
+        rate = self._tau / (ticks * self._numerics.tick)
+        growth = ticks / self.before
+        later = rate * (1 + 2 * growth) / (1 + growth)
+        counts, weights = self._weights(len(pool), later, state)
         linear = Linearisation(
             lhs=np.where(state.terms.fresh, rate, later).astype(self._dtype),
             rate=real(rate),
-            spread=real(self._spread(state.ticks)),
+            spread=real(self._spread(ticks)),
             stiffness=state.stiffness * self._numerics.spacing**3,
         )
         terms = state.terms._replace(n_iterations=counts, weights=weights)
@@ -153,28 +189,22 @@ class LinearisedSolver:
         )  # fmt: skip
 
     def _spread(self, ticks: int) -> float:
-        """Stabilisation s of a step."""
-        numerics, S = self._numerics, self._numerics.S
-        if S is None or numerics.tolerance is not None:
-            import os
-            S = stabilisation(self._rate * float(os.environ.get("MM", "1.4")), ticks * numerics.tick, self._tau, numerics.scheme)
+        """s of a step: by -s Δ a shift of the interface's tail is damped as by S."""
+        numerics = self._numerics
+        S = numerics.S
+        if S is None:
+            S = stabilisation(self._rate, ticks * numerics.tick, self._tau, numerics.scheme)
         return S / (2 * self._c)
 
-    def _damped(self, ticks: int) -> float:
-        return self._spread(ticks) * SHIFT * self._c / self._tau
-
-    def _iterations(self, count: int, lhs: float, state: StepState) -> tuple[NDArray, NDArray]:
+    def _weights(self, count: int, lhs: float, state: StepState) -> tuple[NDArray, NDArray]:
+        """Numbers and weights of the iterations of `count` cells."""
         damping = WELL * self._stiffest * self._c + state.coupling.strongest
-        ticks = state.ticks
-        key = count, ticks, lhs, damping
-        if key not in self._lengths:
+        key = count, lhs, damping
+        if key not in self._iterations:
             numerics = self._numerics
-            top = (self._stiffest + self._spread(ticks)) * largest_eigenvalue(
-                numerics.order, numerics.spacing
-            )
-            roots = chebyshev_roots(
-                lhs, 0.0, top + damping, numerics.sweeps + MORE_WITHOUT_HISTORY
-            )
+            stiffness = self._stiffest + self._spread(state.ticks)
+            top = stiffness * largest_eigenvalue(numerics.order, numerics.spacing) + damping
+            roots = chebyshev_roots(lhs, 0.0, top, numerics.sweeps + MORE_WITHOUT_HISTORY)
             weights = np.tile((1 / roots).astype(self._dtype), (count, 1))
-            self._lengths[key] = np.full(count, len(roots)), weights
-        return self._lengths[key]
+            self._iterations = {key: (np.full(count, len(roots)), weights)}
+        return self._iterations[key]

@@ -1,5 +1,6 @@
 """What a solver of the implicit step is."""
 
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, NamedTuple, Protocol
 
@@ -13,6 +14,9 @@ from morphosim.engine.workspace import Workspace
 from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
 from morphosim.numerics.parameters import SOLVERS, Numerics
 from morphosim.physics.parameters import Physics
+
+Floats = NDArray[np.float64]
+MostOfAll = Callable[[Floats], Floats]
 
 
 class StepState(NamedTuple):
@@ -52,9 +56,18 @@ class Solver(Protocol):
     ----------
     on_band : bool
         Whether it works on the narrow band alone, outside of which φ is 0.
+    looks_ahead : bool
+        Whether forces are taken at the end of the step, and not at its begin.
+    overdue : bool
+        Whether the shortest steps have missed the tolerance for so long that the run should end.
     """
 
     on_band: bool
+    looks_ahead: bool
+
+    @property
+    def overdue(self) -> bool:
+        """See above."""
 
     def set_up(
         self, physics: Physics, tensions: NDArray[np.float64], present: NDArray[np.float64],
@@ -72,14 +85,27 @@ class Solver(Protocol):
     def cost(self, shape: NDArray[np.int64]) -> NDArray[np.float64]:
         """(N,) relative work of boxes of these shapes (N, 3)."""
 
-    def fit(self, most: int, pool: BoxPool, schedule: Schedule) -> int:
-        """Length of the next step in ticks, at most `most`; fields are made ready for it."""
+    def fit(self, most: int, fresh: bool) -> int:
+        """Length of the next step in ticks, at most `most`.
 
-    def advance(self, state: StepState) -> int | None:
+        `fresh` tells whether any cell of the simulation begins it without history.
+        """
+
+    def make_ready(self, ticks: int, pool: BoxPool, schedule: Schedule) -> bool:
+        """Prepare for a step of so many ticks; tell if fields in which forces are taken changed."""
+
+    def advance(self, state: StepState, most_of_all: MostOfAll) -> int | None:
         """Advance the cells of the schedule, and survey them.
 
         If it gives a number, all is as before, and a step of so many ticks is to be tried instead.
+        `most_of_all` gives the largest of numbers over all ranks, one by one.
         """
+
+    def contents(self) -> dict[str, NDArray[Any]]:
+        """What the next step depends on, besides the state of the cells."""
+
+    def restore(self, contents: Mapping[str, NDArray[Any]]) -> None:
+        """Go on from what `contents` gave."""
 
     @property
     def nbytes(self) -> int:
@@ -87,11 +113,24 @@ class Solver(Protocol):
 
 
 class FixedSteps:
-    """What solvers have in common whose steps are all of one tick."""
+    """What solvers have in common whose steps are all δt, and take forces at their begin."""
 
-    def fit(self, most: int, pool: BoxPool, schedule: Schedule) -> int:
+    looks_ahead = overdue = False
+
+    def fit(self, most: int, fresh: bool) -> int:
         """See `Solver`."""
         return 1
+
+    def make_ready(self, ticks: int, pool: BoxPool, schedule: Schedule) -> bool:
+        """See `Solver`."""
+        return False
+
+    def contents(self) -> dict[str, NDArray[Any]]:
+        """See `Solver`."""
+        return {}
+
+    def restore(self, contents: Mapping[str, NDArray[Any]]) -> None:
+        """See `Solver`."""
 
 
 def make_solver(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:

@@ -82,7 +82,7 @@ def _settle(simulation: Simulation, enclosed: Mapping[str, float], tell: Tell) -
     numerics, targets = simulation.scene.numerics, simulation.engine.cells["target"]
     wanted = np.array([enclosed.get(name, np.nan) for name in simulation.names])
     for count in range(1, MOST_ROUNDS + 1):
-        simulation.step(numerics.steps_to(INTERVAL))
+        simulation.step_to(simulation.ticks + numerics.ticks_to(INTERVAL))
         sizes = [cell_surface(field, numerics.spacing).volume for field in simulation.fields]
         ratio = np.where(np.isnan(wanted), 1.0, wanted / np.maximum(sizes, 0.5 * wanted))
         targets *= ratio**CORRECTION
