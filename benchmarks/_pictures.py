@@ -1,6 +1,8 @@
 """Pictures of what the benchmarks measure."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.ticker
@@ -61,6 +63,46 @@ def pareto_picture(data: xr.Dataset, front: np.ndarray, path: Path) -> None:
     axes.legend(fontsize=9, ncols=2, loc="upper right")
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def front_picture(found: Mapping[float, Sequence[Mapping[str, Any]]], path: Path) -> None:
+    """Error of the embryo against time of computing, former settings and runs with a tolerance."""
+    figure, all_axes = plt.subplots(
+        1, len(found), figsize=(6.2 * len(found), 5.4), layout="constrained", squeeze=False
+    )
+    for axes, (until, rows) in zip(all_axes[0], found.items(), strict=True):
+        for k, (family, members) in enumerate(_families(rows).items()):
+            axes.plot(
+                [r["seconds"] for r in members], [r["rms"] for r in members], MARKERS[k],
+                ms=8, label=family, color=COLORS[k], mec="white", mew=0.5,
+                ls="" if family == "preset" else "-", lw=2.5 if family == "former" else 1.2,
+            )  # fmt: skip
+            for r in members:
+                axes.annotate(
+                    r["variant"].removeprefix(f"{family} ").partition(",")[0],
+                    (r["seconds"], r["rms"]), xytext=(6, 5), textcoords="offset points",
+                    fontsize=8, color=COLORS[k],
+                )  # fmt: skip
+        axes.set(
+            xscale="log", yscale="log", xlabel=f"time of computing to t = {until:g}, s",
+            ylabel="error of centroids, root mean square, nm", title=f"t = {until:g}",
+        )  # fmt: skip
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(mpl.ticker.LogFormatter(minor_thresholds=(2, 0.5)))
+        axes.grid(which="both", alpha=0.2)
+        axes.legend(fontsize=9)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _families(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Mapping[str, Any]]]:
+    """Rows of one kind: former presets, presets, and tolerances at one spacing; by their time."""
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for row in sorted(rows, key=lambda row: row["seconds"]):
+        kind, _, spacing = row["variant"].partition(", ")
+        found.setdefault(spacing or kind.partition(" ")[0], []).append(row)
+    return dict(sorted(found.items()))
 
 
 def stability_picture(data: xr.Dataset, path: Path) -> None:

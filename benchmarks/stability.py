@@ -2,8 +2,9 @@
 
 Run as `python benchmarks/stability.py` (about half an hour). Writes stability.nc, lag.nc,
 stability.md and stability.png into the output folder. With `--lag` it measures the last part alone
-(five minutes). With `--random 60` it runs that many scenes of random, extreme numbers through the
-command line instead, and counts how they end.
+(five minutes). With `--tolerance 10` it runs the extremes alone, with steps of that tolerance, and
+counts their steps. With `--random 60` it runs that many scenes of random, extreme numbers through
+the command line instead, and counts how they end, with `--tolerance` under error control too.
 
 A run is stable if it takes all its steps, ends with sound fields (-0.3 < φ < 1.5) and does not
 flip from step to step. The parts:
@@ -48,15 +49,22 @@ TIME_STEPS = (0.1, 0.3, 0.5, 1.0, 1.5, 2.0, 2.1, 2.5, 3.0, 4.0)
 SCHEMES = ("bdf2", "imex1")
 WALLS = ("stepped", "resolved")
 LARGEST_S = 40.0
+TOLERANCE = 10.0
+"""Of the extremes under error control, nm per 100 units of time."""
 STABLE = "stable"
 
 
 def outcome(scene: Scene, steps: int) -> str:
     """What becomes of a scene: stable, flips, unsound, diverged or vanished; never NaN."""
-    simulation = Simulation(scene)
+    return outcome_of(Simulation(scene), steps)
+
+
+def outcome_of(simulation: Simulation, steps: int) -> str:
+    """What becomes of a simulation in the time of so many δt."""
+    numerics = simulation.scene.numerics
     end = STABLE
     try:
-        simulation.step(steps)
+        simulation.step_to(numerics.ticks_to(steps * numerics.dt))
         if _flips(simulation):
             end = "flips"
     except DivergenceError:
@@ -270,6 +278,25 @@ def limits(steps: int = 150) -> tuple[xr.Dataset, list[dict[str, Any]]]:
     return xr.Dataset({"limit": (("parameter", "preset"), table)}, coords=coords), rows
 
 
+def under_control(tolerance: float, steps: int = 150) -> list[dict[str, Any]]:
+    """What the extremes end in where steps have a tolerance, in the time of so many δt."""
+    rows = []
+    for parameter in PARAMETERS:
+        for value in parameter.extremes:
+            scene = parameter.make(value)
+            changes = {"tolerance": tolerance, "solver": "band", "allow_coarse": True}
+            simulation = Simulation(scene.with_numerics(**changes))
+            begin = time.perf_counter()
+            end = outcome_of(simulation, steps)
+            rows.append({
+                "parameter": parameter.name, "value": value, "outcome": end,
+                "t": simulation.time, "steps": simulation.engine.steps,
+                "seconds": time.perf_counter() - begin,
+            })  # fmt: skip
+            print(*rows[-1].values(), flush=True)
+    return rows
+
+
 def _limit(parameter: Parameter, run: Callable[[float], str]) -> float:
     """Last stable value on the way to the bound, to 2 %; the bound itself where that is stable."""
     if run(parameter.usual) != STABLE:
@@ -293,6 +320,16 @@ By `benchmarks/stability.py --lag`, with the band solver and S = 6: the error of
 end of a run, as a share of what has changed since its start (∫abs(Δφ), all cells), against δt =
 0.5; in brackets what `morphosim.scene.stability.missed` says, (1 - exp(-T/L)) L/T with the lag L =
 S δt²/τ. Bold is what is refused, or warned of: more than 15 %, unless L is at most 16 τ/2γc = 42.
+
+"""
+
+
+CONTROL_HEAD = """
+## Extremes under error control
+
+By `benchmarks/stability.py --tolerance {tolerance:g}`, with steps of that tolerance and other
+numbers as by default: how the extremes end at t = 300, or where they end before, and in how many
+steps. Steps of δt = 2 would be 150; of the least length that there is, 9600.
 
 """
 
@@ -337,6 +374,17 @@ def lag_markdown(data: xr.Dataset) -> str:
     return LAG_HEAD + markdown_table(["scene", "δt", "lag L", *times], rows)
 
 
+def control_markdown(data: xr.Dataset) -> str:
+    """The table of the extremes under error control."""
+    names = ("parameter", "value", "outcome", "t", "steps")
+    columns = [data[f"extreme_{name}"].values.tolist() for name in names]
+    rows = [
+        [v if isinstance(v, str) else f"{v:.4g}" for v in row] for row in zip(*columns, strict=True)
+    ]
+    head = CONTROL_HEAD.format(tolerance=data.attrs["tolerance"])
+    return head + markdown_table(names, rows)
+
+
 def _late_text(share: float, run: Scene) -> str:
     if np.isnan(share):
         return "–"
@@ -376,7 +424,7 @@ def extremes_dataset(rows: Sequence[Mapping[str, Any]]) -> xr.Dataset:
     })  # fmt: skip
 
 
-def random_ends(count: int) -> Counter[str]:
+def random_ends(count: int, tolerance: float | None) -> Counter[str]:
     """How runs of random extreme scenes end; each that ends wrongly is printed."""
     sys.path.append(str(Path(__file__).parents[1]))
     from tests.extremes import outcome, random_scene
@@ -390,7 +438,10 @@ def random_ends(count: int) -> Counter[str]:
     ends: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(count):
-            end = outcome(random_scene(random.Random(seed)), Path(folder) / "scene", call)
+            scene = random_scene(random.Random(seed))
+            if tolerance is not None:
+                scene["numerics"]["tolerance"] = tolerance
+            end = outcome(scene, Path(folder) / "scene", call)
             ends[end.partition(",")[0].partition(":")[0]] += 1
             if end.startswith("WRONG"):
                 print(f"seed {seed}: {end}", flush=True)
@@ -403,22 +454,31 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/stability"))
     parser.add_argument("--table", action="store_true", help="only redraw tables and pictures")
     parser.add_argument("--lag", action="store_true", help="only measure what long steps miss")
+    parser.add_argument("--tolerance", type=float, help="only run extremes, with this tolerance")
     parser.add_argument("--random", type=int, default=0, help="random extreme scenes to run alone")
     options = parser.parse_args()
     if options.random:
-        ends = random_ends(options.random)
+        ends = random_ends(options.random, options.tolerance)
         print(", ".join(f"{n} {end}" for end, n in ends.most_common()))
         sys.exit("WRONG" in ends)
     options.output.mkdir(parents=True, exist_ok=True)
     path, long_steps = options.output / "stability.nc", options.output / "lag.nc"
+    controlled = options.output / "control.nc"
+    warnings.simplefilter("ignore")  # it goes beyond the limits on purpose
+    if not options.table and not options.lag:
+        tolerance = options.tolerance or TOLERANCE
+        ends = extremes_dataset(under_control(tolerance)).assign_attrs(tolerance=tolerance)
+        ends.to_netcdf(controlled)
+    if options.tolerance:
+        print(control_markdown(xr.load_dataset(controlled)))
+        return
     if not options.table:
-        warnings.simplefilter("ignore")  # it goes beyond the limits on purpose
         lags().to_netcdf(long_steps)
-    with xr.open_dataset(long_steps) as data:
-        late = lag_markdown(data)
+    late = lag_markdown(xr.load_dataset(long_steps))
     if options.lag:
         print(late)
         return
+    late += control_markdown(xr.load_dataset(controlled))
     if not options.table:
         bounds, rows = limits()
         smallest = map_of_S(embryo())

@@ -273,12 +273,12 @@ def test_too_little_memory_ends_a_run_in_one_line(
     save_scene(scene(), tmp_path / "scene.toml")
     step = Engine.step
 
-    def greedy(self: Engine) -> None:
+    def greedy(self: Engine, most: int) -> None:
         if self.steps == 5:
             self.whole = False
             message = "Unable to allocate 3.00 TiB"
             raise MemoryError(message)
-        step(self)
+        step(self, most)
 
     monkeypatch.setattr(Engine, "step", greedy)
     code, err = call(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "run")])

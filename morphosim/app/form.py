@@ -54,8 +54,8 @@ STATE = {
     "mask_files": [], "table_files": [], "image_files": [], "scene_files": [],
     "loaded": "", "description": "", "stages": [], "has_shell": False,
     "cells": [], "sigma": [], "pair_from": "", "pair_to": "", "pair_value": "0", "pair_both": True,
-    "duration": "", "save_every": "", "dt": "", "S": "", "walls": "", "wall_kinds": list(WALLS),
-    "gamma": "", "own_gamma": "", "numerics": {OWN: {"dt": "", "S": "", "walls": "", "text": ""}},
+    "duration": "", "save_every": "", "dt": "", "tolerance": "", "S": "", "walls": "", "wall_kinds": list(WALLS),
+    "gamma": "", "own_gamma": "", "numerics": {OWN: {"dt": "", "tolerance": "", "S": "", "walls": "", "text": ""}},
     "preset": OWN, "presets": list(PRESET_NAMES), "shell": True,
     "run_name": "runs/test", "form_error": "", "form_warnings": [], "reading": False,
     "fits": "",
@@ -173,7 +173,8 @@ class Form:
 
     def _take_preset(self, name: str) -> None:
         state = self._state
-        state.preset, state.dt = name, state.numerics[name]["dt"]
+        meant = state.numerics[name]
+        state.preset, state.dt, state.tolerance = name, meant["dt"], meant["tolerance"]
         state.S = state.walls = ""
 
     def take_cure(self) -> None:
@@ -223,6 +224,7 @@ class Form:
             duration=state.duration,
             save_every=state.save_every,
             dt=state.dt,
+            tolerance=state.tolerance,
             S=state.S,
             walls=state.walls or "",
             preset=state.preset,

@@ -172,6 +172,7 @@ def _numbers(form: Form) -> None:
     with html.Div(classes="line"):
         field("Time", "duration")
         _shown("Time step δt", "dt", f"{MEANT}.dt")
+        _shown("Tolerance, nm", "tolerance", "'fixed steps'")
         field("Saving interval", "save_every")
     html.P(
         "The run ends with the scene's last stage.",

@@ -18,7 +18,7 @@ from morphosim.app.changes import (
 )
 from morphosim.app.source import Source
 from morphosim.app.store import Store
-from morphosim.numerics.parameters import PRESETS, WALLS, Numerics
+from morphosim.numerics.parameters import OWN_SOLVERS, PRESETS, WALLS, Numerics
 from morphosim.physics.confinement_repulsion import is_resolved
 from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.scene import Scene
@@ -45,6 +45,7 @@ class Settings:
     gamma : surface tension γ of cells that have none of their own
     preset : one of `PRESET_NAMES`
     dt, S, walls : see `Numerics`
+    tolerance : see `Numerics`; where it is empty, steps are fixed
     shell : whether the scene's confinement is kept
     name : of the run, a folder to make
     """
@@ -60,6 +61,7 @@ class Settings:
     gamma: Any = ""
     preset: str = OWN
     dt: Any = ""
+    tolerance: Any = ""
     S: Any = ""
     walls: str = ""
     shell: bool = True
@@ -126,7 +128,9 @@ class Settings:
     def _numerics(self, own: Numerics) -> Numerics:
         """Numerics of the preset, with what is given besides."""
         _validate.choice("preset", self.preset, PRESET_NAMES)
-        given: dict[str, Any] = {}
+        given: dict[str, Any] = {"tolerance": None}
+        if not _is_empty(self.tolerance):
+            given["tolerance"] = _validate.parsed_number("tolerance", self.tolerance, above=0)
         if not _is_empty(self.dt):
             given["dt"] = _validate.parsed_number("time step δt", self.dt, above=0)
         if not _is_empty(self.S):
@@ -193,15 +197,19 @@ def _cell_facts(cell: Cell, rough: bool) -> dict[str, str]:
 def _numerics_facts(scene: Scene, preset: str) -> dict[str, str]:
     """What a preset means for a scene; `text` in one line."""
     numerics = preset_numerics(preset, scene.numerics)
+    solver = "" if numerics.scheme in OWN_SOLVERS else f"solver {numerics.solver}"
     walls = scene.confinement
     needed = ""
     if preset != OWN and walls is not None and numerics.walls == "resolved":
         needed = "" if is_resolved(walls, numerics) else "at least "
-    found = {"dt": exact(numerics.dt), "S": needed + exact(numerics.S), "walls": numerics.walls}
-    solver = "" if numerics.scheme == "euler" else f"solver {numerics.solver}"
+    tolerance = "" if numerics.tolerance is None else exact(numerics.tolerance)
+    found = {
+        "dt": exact(numerics.dt), "tolerance": tolerance, "S": needed + exact(numerics.S),
+        "walls": numerics.walls,
+    }  # fmt: skip
     parts = [
         f"scheme {numerics.scheme}", solver, f"lattice {numerics.spacing:.3g} µm",
-        f"δt = {found['dt']}", f"S = {found['S']}{', as the walls need' if needed else ''}",
+        numerics.step_text, f"S = {found['S']}{', as the walls need' if needed else ''}",
         f"{numerics.walls} walls",
     ]  # fmt: skip
     return found | {"text": " · ".join(part for part in parts if part)}

@@ -87,7 +87,11 @@ def run(
         ),
     ] = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
-    dt: Annotated[float | None, typer.Option(help="time step")] = None,
+    dt: Annotated[float | None, typer.Option(help="time step; with a tolerance, the first")] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="choose steps for this error, nm per 100 units of time, as 5"),
+    ] = None,
     save_every: Annotated[float | None, typer.Option(help="time between saves")] = None,
     threads: Annotated[int | None, typer.Option(help="number of threads")] = None,
     set_: Annotated[
@@ -121,7 +125,7 @@ def run(
     overrides = _overrides(set_ or [])
     for key, value in (
         ("numerics.preset", preset), ("duration", until), ("numerics.dt", dt),
-        ("save_every", save_every), ("numerics.threads", threads),
+        ("numerics.tolerance", tolerance), ("save_every", save_every), ("numerics.threads", threads),
     ):  # fmt: skip
         if value is not None:
             overrides[key] = value

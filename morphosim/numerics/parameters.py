@@ -191,6 +191,13 @@ class Numerics:
         """Number of threads to use: `threads`, or as many as this process can have."""
         return self.threads or automatic_threads()
 
+    @property
+    def step_text(self) -> str:
+        """How long steps are, in words."""
+        if self.tolerance is None:
+            return f"δt = {self.dt:g}"
+        return f"tolerance {self.tolerance:g} nm, first δt = {self.dt:g}"
+
     def ticks_to(self, time: float, what: str = "time") -> int:
         """Number of ticks that reach an *in silico* time.
 

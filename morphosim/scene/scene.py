@@ -110,8 +110,8 @@ class Scene:
             "cells": f"{len(self.cells)}: {_shown.listed(self.names)}",
             "types": _shown.listed(sorted({kind for kind in self.types if kind})),
             "physics": self.physics.summary,
-            "numerics": f"δt = {numerics.dt:g}, spacing {numerics.spacing:g} µm, S = {numerics.S:g}"
-            f", {numerics.scheme}, {numerics.active_solver}",
+            "numerics": f"{numerics.step_text}, spacing {numerics.spacing:g} µm, S = {numerics.S:g}"
+            f", {', '.join(dict.fromkeys((numerics.scheme, numerics.active_solver)))}",
             "confinement": type(self.confinement).__name__ if self.confinement else "open space",
             "duration": f"{self.duration:g}, a save every {self.save_every:g}",
             "stages": _shown.listed([stage.name for stage in self.stages]),

@@ -138,7 +138,7 @@ class Simulation(State):
         removed = [name for _, name in self.removed]
         return {
             "cells": f"{len(self.names)}: {_shown.listed(self.names)}",
-            "steps": f"{self.steps} of δt = {self.dt:g}",
+            "steps": f"{self.steps} of {self.scene.numerics.step_text}",
             "stage": self.stage,
             "removed": _shown.listed(removed),
             "last event": self.events[-1][1] if self.events else "",

@@ -213,6 +213,7 @@ def test_an_upload_is_chosen(page: "Page", folder: Path, tmp_path: Path) -> None
 
 
 @uses("Name of cell .+", "Attraction from .+ to .+", "Time", "Time step δt", "Saving interval")
+@uses("Tolerance, nm")
 @uses("Shell", "Name of the run.*", "Run")
 def test_a_run_is_as_the_form_says(page: "Page", folder: Path) -> None:
     read_example(page)
@@ -224,6 +225,12 @@ def test_a_run_is_as_the_form_says(page: "Page", folder: Path) -> None:
     page.locator("#run_error", has_text="time = 'much' is not a number").wait_for()
     assert page.locator("#status").inner_text() == "failed"
 
+    type_in(page, "Time", "20")
+    type_in(page, "Tolerance, nm", "fine")
+    press(page, "Run")
+    page.locator("#run_error", has_text="tolerance = 'fine' is not a number").wait_for()
+
+    type_in(page, "Tolerance, nm", "")
     for label, value in (("Time", "20"), ("Saving interval", "10"), ("Time step δt", "1.25")):
         page.get_by_label(label, exact=True).fill(value)
     page.get_by_label("Shell", exact=True).uncheck()

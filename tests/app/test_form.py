@@ -52,7 +52,7 @@ def settings(scene: Scene, source: Source = TWO, **changes: Any) -> Settings:
     values = {
         "source": source, "names": [cell["name"] for cell in found["cells"]],
         "types": [cell["type"] for cell in found["cells"]], "name": scene.name,
-        "dt": found["numerics"][OWN]["dt"],
+        **{key: found["numerics"][OWN][key] for key in ("dt", "tolerance")},
         **{key: found[key] for key in ("sigma", "duration", "save_every")},
     }  # fmt: skip
     return Settings(**(values | changes))
@@ -140,6 +140,20 @@ def test_values_of_cells_and_of_the_scene_can_be_changed(store: Store) -> None:
     assert constant.cells[0].gamma == 0.3
 
 
+def test_steps_follow_from_the_tolerance_or_are_fixed(store: Store) -> None:
+    said = settings(two_cells(), TWO, tolerance="2.5").scene(store).numerics
+    assert said == Numerics(tolerance=2.5)
+    save_scene(two_cells(numerics=said), store.root / "two.toml")
+    controlled = load_scene(store.root / "two.toml")
+    found = facts(controlled)["numerics"]
+    assert (found[OWN]["tolerance"], found["reference"]["tolerance"]) == ("2.5", "")
+    assert (
+        "scheme linearised · lattice 0.5 µm · tolerance 2.5 nm, first δt = 2" in found[OWN]["text"]
+    )
+    assert settings(controlled, TWO).scene(store).numerics == said
+    assert settings(controlled, TWO, tolerance="").scene(store).numerics.tolerance is None
+
+
 def test_what_empty_fields_show(store: Store) -> None:
     found = facts(two_cells())
     a, b = found["cells"]
@@ -171,6 +185,8 @@ def test_an_S_that_is_given_stays(store: Store) -> None:
     [
         ({"dt": "much"}, "time step δt = 'much' is not a number"),
         ({"dt": "-1"}, "time step δt = -1"),
+        ({"tolerance": "fine"}, "tolerance = 'fine' is not a number"),
+        ({"tolerance": "0"}, "tolerance = 0"),
         ({"duration": "0"}, "time = 0"),
         ({"preset": "best"}, "preset = 'best'"),
         ({"names": ["a"] * 8}, "cell name"),
