@@ -186,7 +186,7 @@ def keep(i, frame, boxes, limits, found, new, rows, survey_of):
 @parallel_kernel()
 def try_steps(
     bounds, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, found, measured, stencil, linear, limits, new, rows, surveys, changes, use_repulsion,
+    work, found, measured, stencil, inner, linear, limits, new, rows, surveys, changes, use_repulsion,
     use_psi,
 ):  # fmt: skip
     """Solve for the new field of every cell of `order`.
@@ -194,6 +194,7 @@ def try_steps(
     Parameters as for `step_band`, but
 
     phi, ahead : 1-D pools of φⁿ and φ*; the latter is what cells feel of each other in `columns`
+    inner : Stencil, of the iterations
     linear : Linearisation
     new : 1-D pool, overwritten with φⁿ⁺¹ on the bands; it may be `ahead`
     rows : (planes, 2) int32, overwritten with the new bands
@@ -230,7 +231,7 @@ def try_steps(
             implicit = linear.lhs[i] * slope + sums[2] + stiff * slope * slope
             q = stiff * sums[0] * slope / implicit if implicit > 0 else 0.0
             result = solve(
-                i, boxes, terms, frames, stencil, linear.lhs[i], linear.spread,
+                i, boxes, terms, frames, inner, linear.lhs[i], linear.spread,
                 frames.dtype.type(q), one,
             )  # fmt: skip
             changes[i, SLOPE] = sums[3]

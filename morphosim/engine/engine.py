@@ -17,14 +17,14 @@ from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
 from morphosim.engine.scheduling import share_out
+from morphosim.engine.stencil import make_stencil
 from morphosim.engine.solvers.solver import StepState, make_solver
 from morphosim.engine.workspace import Workspace
 from morphosim.errors import TermError
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE
-from morphosim.kernels.layout import CellTerms, Limits, Scheme, Stencil
+from morphosim.kernels.layout import CellTerms, Limits, Scheme
 from morphosim.kernels.points import records
-from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.measure.measurement import Measurement, measure
 from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.numerics.schemes import coefficients, used_S
@@ -122,7 +122,7 @@ class Engine(CellView):
         self.solver = make_solver(numerics, self.dtype, self.workers)
         memory = MEMORIES.get(numerics.scheme, "none")
         self.pool = BoxPool(self.cells, self.dtype, self._limits, memory, self.solver.on_band)
-        self._stencil = _make_stencil(numerics.order, numerics.spacing, self.dtype)
+        self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._coupling = Coupling(self.dtype, self.workers)
         self._workspace = Workspace(self.workers, self.dtype)
         self._controller = ThreadpoolController()
@@ -404,10 +404,3 @@ class Engine(CellView):
 
 def _as_they_are(time: float) -> None:
     """Leave target volumes that are no functions of time."""
-
-
-def _make_stencil(order: int, spacing: float, dtype: np.dtype) -> Stencil:
-    first = [dtype.type(w / spacing) for w in COEFFICIENTS[order]]
-    second = [dtype.type(w / spacing**2) for w in LAPLACIAN_COEFFICIENTS[order]]
-    absent = [None] * (3 - order // 2)
-    return Stencil(*first, *absent, *second, *absent)
