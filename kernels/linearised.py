@@ -122,7 +122,7 @@ def iterate_plane(low, high, u, target, rhs, damping, sx, sy, own, diffusion, we
 
 @kernel()
 def solve(i, boxes, terms, frames, stencil, lhs, spread, q, one):
-    """u of cell i by Chebyshev iterations; return the frame that holds it."""
+    """U of cell i by Chebyshev iterations; return the frame that holds it."""
     sx, sy = strides(i, boxes)
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, False, sx, sy)
@@ -186,8 +186,8 @@ def keep(i, frame, boxes, limits, found, new, rows, survey_of):
 @parallel_kernel()
 def try_steps(
     bounds, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, found, measured, stencil, inner, linear, limits, new, rows, surveys, changes, use_repulsion,
-    use_psi,
+    work, found, measured, stencil, inner, linear, limits, new, rows, surveys, changes,
+    use_repulsion, use_psi,
 ):  # fmt: skip
     """Solve for the new field of every cell of `order`.
 

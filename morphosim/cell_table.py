@@ -38,6 +38,8 @@ class Column:
     shared : bool
         Whether every MPI rank knows it of all cells; else only the rank that steps the cell does.
         Such columns are the engine's, which changes them on all ranks alike.
+    optional : bool
+        Whether a saved state may lack it, and has its default then: states of earlier versions.
 
     Raises
     ------
@@ -52,6 +54,7 @@ class Column:
     inherits: bool | Callable[[NDArray], ArrayLike] = True
     saved: bool = True
     shared: bool = False
+    optional: bool = False
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier() or self.name in RESERVED:
@@ -308,7 +311,8 @@ class CellTable:
         ValueError
             `values` lacks a column.
         """
-        lacking = [c.name for c in self.columns.values() if c.saved and c.name not in values]
+        needed = [c.name for c in self.columns.values() if c.saved and not c.optional]
+        lacking = [name for name in needed if name not in values]
         if lacking:
             message = f"the saved state lacks the columns {lacking}: its terms were others"
             raise ValueError(message)
@@ -316,7 +320,7 @@ class CellTable:
         self.kinds, self.next_id = values["kinds"].tolist(), int(values["next_id"])
         for name, column in self.columns.items():
             self._values[name] = column.new(count)
-            if column.saved:
+            if column.saved and name in values:
                 self._values[name][:] = values[name]
         self.index()
 

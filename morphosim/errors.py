@@ -24,6 +24,10 @@ class DivergenceError(SimulationError):
     """A field is no longer finite, or runs away. The fields kept are the last finite ones."""
 
 
+class ToleranceError(SimulationError):
+    """The shortest steps do not meet the tolerance."""
+
+
 class CellVanishedError(SimulationError):
     """A cell's field is below 1/2 everywhere (paper §2.3, "cell disappearance")."""
 

@@ -30,7 +30,7 @@ COLUMNS = (
     Column("plane_start", np.int64, inherits=False, saved=False),
     Column("lost", inherits=False),
     Column("surveys", shape=(N_SURVEYED,), inherits=False),
-    Column("ahead", inherits=False),
+    Column("ahead", inherits=False, optional=True),
 )
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
 Integers = NDArray[np.int64]

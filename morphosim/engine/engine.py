@@ -17,8 +17,8 @@ from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
 from morphosim.engine.scheduling import share_out
-from morphosim.engine.stencil import make_stencil
 from morphosim.engine.solvers.solver import StepState, make_solver
+from morphosim.engine.stencil import make_stencil
 from morphosim.engine.workspace import Workspace
 from morphosim.errors import TermError
 from morphosim.geometry.confinement import Confinement
@@ -198,9 +198,8 @@ class Engine(CellView):
         self.settle()
         ticks: int | None = self.solver.fit(most, bool(self.everyone["fresh"].any()))
         while ticks is not None:
-            state = self.step_state(ticks)
+            state = self._made_ready(ticks)
             self.whole = False
-            self._coupling.accumulate(self.pool, state.schedule)
             ticks = self.solver.advance(state, self._most_of_all)
         self.cells["fresh"][:] = False
         self.ticks += state.ticks
@@ -219,6 +218,17 @@ class Engine(CellView):
     def _most_of_all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Largest values over all engines of the simulation, one by one: here, these."""
         return values
+
+    def _made_ready(self, ticks: int) -> StepState:
+        """What a step of so many ticks works on, with the sums over cells."""
+        state = self.step_state(ticks)
+        self._coupling.accumulate(self.pool, state.schedule)
+        return state
+
+    @property
+    def overdue(self) -> bool:
+        """Whether the shortest steps have missed the tolerance for so long that it is no use."""
+        return self.solver.overdue
 
     def step_state(self, ticks: int = 1) -> StepState:
         """What a step of so many ticks works on: all set up, and forces of all terms added up."""

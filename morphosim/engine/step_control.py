@@ -19,9 +19,9 @@ from morphosim.numerics.parameters import LONGEST, PARTS, Numerics
 Floats = NDArray[np.float64]
 
 COLUMNS = (
-    Column("acceleration", default=np.nan, inherits=False),
-    Column("speed", inherits=False),
-    Column("time_error"),
+    Column("acceleration", default=np.nan, inherits=False, optional=True),
+    Column("speed", inherits=False, optional=True),
+    Column("time_error", optional=True),
 )
 """Of each cell's interface, root mean square: acceleration in the last step, velocity, and the
 error in its place that steps have made so far, µm."""

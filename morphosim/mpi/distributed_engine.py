@@ -16,7 +16,7 @@ from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE
 from morphosim.mpi import state_transfer
 from morphosim.mpi.box_directory import BoxDirectory
-from morphosim.mpi.communicator import agreed, raise_agreed, threads_per_rank
+from morphosim.mpi.communicator import agreed, is_agreed, raise_agreed, threads_per_rank
 from morphosim.mpi.decompose import owners, work
 from morphosim.mpi.gathered_view import GatheredView
 from morphosim.mpi.ghost_exchange import GhostExchange, Traffic
@@ -68,7 +68,9 @@ class DistributedEngine(GatheredView):
     ) -> None:  # fmt: skip
         everyone = CellTable(_shared(physics))
         own = replace(numerics, threads=numerics.threads or threads_per_rank(comm))
-        local = LocalEngine(physics, own, confinement, explicit_rate, everyone)
+        local = LocalEngine(
+            physics, own, confinement, explicit_rate, everyone, comm, self._share_fields
+        )
         super().__init__(comm, local, everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
@@ -189,6 +191,9 @@ class DistributedEngine(GatheredView):
         try:
             local.step(most)
         except Exception as raised:
+            if is_agreed(raised):  # no rank has taken the step
+                self.whole = True
+                raise
             error = raised
         everyone["fresh"][:] = False
         try:
@@ -197,9 +202,18 @@ class DistributedEngine(GatheredView):
             local.steps, local.ticks = before  # some ranks have taken the step, others have not
             self.change()
             raise
-        self._exchange.run(self.traffic)
+        self._share_fields()
         self.traffic.steps += 1
         self.whole = True
+
+    def _share_fields(self) -> None:
+        """Send the fields at the border to the ranks where they are felt."""
+        self._exchange.run(self.traffic)
+
+    @property
+    def overdue(self) -> bool:
+        """See `Engine`."""
+        return self.local.overdue
 
     def diverged(self) -> Integers:
         """See `Engine`."""
@@ -252,6 +266,7 @@ class DistributedEngine(GatheredView):
         self.everyone.require(_shared(physics))
         self.everyone.restore(contents)
         self.local.adopt(physics, steps, ticks)
+        self.local.solver.restore(contents)
         self._boxes.owner = self._best_owners(contents["origin"], contents["shape"])
         rows = np.flatnonzero(self._boxes.owner == self.comm.rank)
         own = np.ones(len(rows), bool)

@@ -81,7 +81,7 @@ class GatheredView:
     def contents(self) -> dict[str, NDArray]:
         """See `Engine`: of all cells."""
         state: dict[str, NDArray] = self._gathered("gather_state")[0]
-        return self.everyone.saved() | state
+        return self.everyone.saved() | state | self.local.solver.contents()
 
     @property
     def fields(self) -> Sequence[CellField]:

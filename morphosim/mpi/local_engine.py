@@ -1,7 +1,7 @@
 """A rank's part of the cells: its own, and ghost cells, which are others that come near."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
 from morphosim.engine.engine import COLUMNS, Engine, Fields
+from morphosim.engine.solvers.solver import StepState
 from morphosim.geometry.confinement import Confinement
 from morphosim.mpi import state_transfer
+from morphosim.mpi.communicator import agreed
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 Integers = NDArray[np.int64]
 
@@ -32,6 +37,10 @@ class LocalEngine(Engine):
     everyone : CellTable
         All cells of the simulation; its columns are those that every rank knows.
 
+    comm : communicator of all ranks
+    share_fields : function
+        Sends the fields in which forces are taken to the ranks where they are felt.
+
     Attributes
     ----------
     rows : (n,) numbers of the rank's cells and ghost cells in the whole simulation, ascending
@@ -40,9 +49,11 @@ class LocalEngine(Engine):
 
     def __init__(
         self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        explicit_rate: float, everyone: CellTable,
+        explicit_rate: float, everyone: CellTable, comm: "Comm",
+        share_fields: Callable[[], None],
     ) -> None:  # fmt: skip
         super().__init__(physics, numerics, confinement, explicit_rate)
+        self._comm, self._share = comm, share_fields
         self._everyone = everyone
         self.rows, self.own = np.zeros(0, np.int64), np.zeros(0, bool)
 
@@ -73,6 +84,24 @@ class LocalEngine(Engine):
         """Set the target volumes V(t) of all cells, and take over those of the cells held."""
         super().aim(time)
         self.cells["target"][:] = self._everyone["target"][self.rows]
+
+    def _made_ready(self, ticks: int) -> StepState:
+        """See `Engine`; under error control ranks agree on what follows, so all must come to it."""
+        if self.numerics.tolerance is None:
+            return super()._made_ready(ticks)
+        return agreed(self._comm, lambda: super(LocalEngine, self)._made_ready(ticks))
+
+    def _share_fields(self) -> None:
+        """Send the fields in which forces are taken to the ranks where they are felt."""
+        self._share()
+
+    def _most_of_all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Largest values on any rank, one by one."""
+        from mpi4py import MPI
+
+        most = np.empty_like(values)
+        self._comm.Allreduce(values, most, op=MPI.MAX)
+        return most
 
     def adopt(self, physics: Physics, steps: int, ticks: int) -> None:
         """Go on from a saved state of these physics; `hold` and `take` bring its cells."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
-from morphosim.errors import CellVanishedError, DivergenceError, SimulationError
+from morphosim.errors import CellVanishedError, DivergenceError, SimulationError, ToleranceError
 from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS
 from morphosim.progress import Tell, silent
 from morphosim.runs.checkpoint import Checkpoint
@@ -411,6 +411,8 @@ class Simulation(State):
         self.engine.step(most)
         if (diverged := self.engine.diverged()).size:
             self._raise_divergence(int(diverged[0]), before)
+        if self.engine.overdue:
+            self._raise_overdue()
         if (vanished := self.engine.vanished()).size and self.scene.on_vanish != "ignore":
             self._handle_vanished(vanished)
 
@@ -425,6 +427,17 @@ class Simulation(State):
             f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces{terms}"
         )
         raise DivergenceError(message, time=self.time, cell=name)
+
+    def _raise_overdue(self) -> None:
+        """Tell that the shortest steps miss the tolerance, and of which cell most."""
+        numerics = self.scene.numerics
+        name = self.names[int(np.argmax(np.nan_to_num(self.engine.column("acceleration"))))]
+        message = (
+            f"numerics.tolerance = {numerics.tolerance:g} is not met at t = {self.time:g} even by "
+            f"steps of {numerics.tick:g}, the shortest: cell {name!r} accelerates most. Try a "
+            f"larger tolerance, a smaller numerics.dt (now {numerics.dt:g}), or weaker forces"
+        )
+        raise ToleranceError(message, time=self.time, cell=name)
 
     def _handle_vanished(self, vanished: NDArray[np.int64]) -> None:
         if self.scene.on_vanish == "stop" or len(vanished) == len(self.engine):

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.scheduling import Schedule
-from morphosim.engine.stencil import make_stencil
 from morphosim.engine.solvers.solver import MostOfAll, Solver, StepState
+from morphosim.engine.stencil import make_stencil
 from morphosim.engine.step_control import FIRST, PATIENCE, StepControl
 from morphosim.kernels.boxes import BAD, N_SURVEYED
 from morphosim.kernels.layout import Linearisation
@@ -95,7 +95,7 @@ class LinearisedSolver:
 
     def restore(self, contents: Mapping[str, NDArray]) -> None:
         """See `Solver`."""
-        self.before, self.laid, planned, missed = contents["stepping"].tolist()
+        self.before, self.laid, planned, missed = np.asarray(contents["stepping"]).tolist()
         if self._control is not None:
             self._control.planned, self._control.missed = planned, missed
 
@@ -129,9 +129,7 @@ class LinearisedSolver:
             self._take(state, self._control.planned)
         return shorter
 
-    def _settle(
-        self, state: StepState, control: StepControl, most_of_all: MostOfAll
-    ) -> int | None:
+    def _settle(self, state: StepState, control: StepControl, most_of_all: MostOfAll) -> int | None:
         """Length to try instead of the step that was tried; None, and a plan, if it is taken."""
         cells, rows, ticks = state.pool.cells, state.schedule.order, state.ticks
         verdict = control.judge(
@@ -189,12 +187,12 @@ class LinearisedSolver:
         terms = state.terms._replace(n_iterations=counts, weights=weights)
         try_steps(
             *state._replace(terms=terms).acting(), state.workspace.found,
-            state.workspace.measured, state.stencil, self._inner, linear, state.limits, self._target(pool),
-            self._rows, self._surveys, self._changes, *state.coupling.uses,
+            state.workspace.measured, state.stencil, self._inner, linear, state.limits,
+            self._target(pool), self._rows, self._surveys, self._changes, *state.coupling.uses,
         )  # fmt: skip
 
     def _spread(self, ticks: int) -> float:
-        """s of a step: by -s Δ a shift of the interface's tail is damped as by S."""
+        """S of a step: by -s Δ a shift of the interface's tail is damped as by S."""
         numerics = self._numerics
         S = numerics.S
         if S is None:
