@@ -71,6 +71,8 @@ class Course:
 
     seconds: float
     """Wall time of all its turns."""
+    processor_seconds: float
+    """Time of all threads, which does not count what others do."""
     steps: int
     times: list[float]
     centroids: np.ndarray
@@ -107,26 +109,32 @@ def race(chosen: Mapping[str, Numerics], until: float) -> dict[str, Course]:
         Simulation(scene).step(WARM_UP)
     simulations = {name: Simulation(scene) for name, scene in scenes.items()}
     times = np.arange(1, round(until / STRETCH[until]) + 1) * STRETCH[until]
-    seconds = dict.fromkeys(chosen, 0.0)
+    spent = {name: np.zeros(2) for name in chosen}
     places: dict[str, list[np.ndarray]] = {name: [] for name in chosen}
     for t in times.tolist():
         for name, simulation in list(simulations.items()):
-            begin = time.perf_counter()
+            begin = clocks()
             try:
                 simulation.run(until=t)
             except SimulationError as error:
                 print(f"{name}: {error}", flush=True)
                 del simulations[name]
                 continue
-            seconds[name] += time.perf_counter() - begin
+            spent[name] += clocks() - begin
             places[name].append(simulation.centroids)
         print(f"t = {t:g}", flush=True)
     return {
         name: Course(
-            seconds[name], s.engine.steps, times.tolist(), np.array(places[name]), contacts(s)
+            *spent[name].tolist(), s.engine.steps, times.tolist(), np.array(places[name]),
+            contacts(s),
         )
         for name, s in simulations.items()
     }  # fmt: skip
+
+
+def clocks() -> np.ndarray:
+    """Wall time, and time of all threads of this process."""
+    return np.array([time.perf_counter(), time.process_time()])
 
 
 def contacts(simulation: Simulation) -> list[list[str]]:
@@ -177,7 +185,9 @@ def rows(races: Races, true: Course, until: float) -> list[dict[str, Any]]:
     found = []
     for name in variants():
         if courses := races.of(name, until):
-            cost = {"seconds": median(c.seconds for c in courses), "steps": courses[0].steps}
+            clock = ("seconds", "processor_seconds")
+            cost: dict[str, Any] = {k: median(getattr(c, k) for c in courses) for k in clock}
+            cost["steps"] = courses[0].steps
             found.append({"variant": name} | cost | courses[0].error(true))
     return found
 
@@ -229,7 +239,10 @@ def markdown(found: Sequence[Mapping[str, Any]], until: float) -> str:
         "not in both",
     ]
     body = [
-        [r["variant"], *(f"{r[k]:.4g}" for k in ("seconds", "steps", "rms", *COLUMNS))]
+        [
+            r["variant"],
+            *(f"{r[k]:.4g}" for k in ("seconds", "processor_seconds", "steps", "rms", *COLUMNS)),
+        ]
         for r in found
     ]
     told = "".join(f"- {gain:.2g} times less time {what}\n" for what, gain in gains(found).items())

@@ -66,13 +66,24 @@ def test_a_resolved_wall_does_not_feel_the_lattice() -> None:
     assert np.ptp(found["stepped"]) > 0.1
 
 
+@pytest.mark.parametrize("scheme", ["bdf2", "linearised"])
 @pytest.mark.parametrize("gamma", [0.0625, 0.25, 1.0])
-def test_a_resolved_wall_is_where_the_hard_one_is(gamma: float) -> None:
+def test_a_resolved_wall_is_where_the_hard_one_is(gamma: float, scheme: str) -> None:
     # The hard wall's φ appears to vanish at √(γ/g_e) behind it, on any lattice.
     for spacing in (0.5, 0.25):
-        repulsion = wall_repulsion(PLANE, 16.0, gamma, Numerics(spacing=spacing))
+        numerics = Numerics(spacing=spacing, scheme=scheme)
+        repulsion = wall_repulsion(PLANE, 16.0, gamma, numerics)
         found = apparent_zero(lambda z, r=repulsion: r(z, 0.0, 0.0) / gamma)
         assert found == pytest.approx(np.sqrt(gamma / 16.0), abs=2e-3)
+
+
+@pytest.mark.parametrize(("scheme", "strongest"), [("bdf2", 4.0), ("linearised", 16.0)])
+def test_a_resolved_wall_is_stronger_where_it_is_implicit(scheme: str, strongest: float) -> None:
+    # In γ/h²; never stronger than the hard one.
+    for g_e, spacing in ((1000.0, 0.5), (1000.0, 0.25), (3.0, 0.5)):
+        repulsion = wall_repulsion(PLANE, g_e, 0.25, Numerics(spacing=spacing, scheme=scheme))
+        deep = float(repulsion(30.0, 0.0, 0.0))
+        assert deep == pytest.approx(min(g_e, strongest * 0.25 / spacing**2))
 
 
 def test_cells_with_their_own_tension_meet_the_wall_where_they_should() -> None:

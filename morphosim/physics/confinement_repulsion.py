@@ -7,9 +7,11 @@ at ℓ behind the wall. The resolved wall is logistic, g' / (1 + exp((s - z)/a))
 hard wall. There the solution of γ φ'' = w φ is a hypergeometric function, and φ appears to vanish
 at s - a (2γ_E + ψ(ν) + ψ(1 + ν)), ν = a/ℓ', ℓ' = √(γ/g'), with Euler's constant γ_E and the
 digamma function ψ. The shift s equates the two. As ℓ' does not matter then, it is at least half a
-spacing: a stronger wall needs a larger S. The match leaves out other forces: a cell squeezed so
-hard that its pressure M' (1 - v/V) is not small against g' is let further out than by a hard wall.
-γ is that of the cells' mean; where cells differ, the wall of the others is off by some 0.1 µm.
+spacing, as a stronger wall needs a larger S; or a quarter, where walls are taken implicitly. The
+match leaves out other forces: a cell squeezed so hard that its pressure M' (1 - v/V) is not small
+against g' is let further out than by a hard wall, and one that begins beyond the wall comes back at
+another speed. At half a spacing that is half of the embryo's error. γ is that of the cells' mean;
+where cells differ, the wall of the others is off by some 0.1 µm.
 """
 
 from collections.abc import Callable
@@ -27,6 +29,8 @@ Floats = NDArray[np.float64]
 Repulsion = Callable[[Floats, Floats, Floats], Floats]
 DIFFUSENESS = 0.3
 """a of the logistic wall, in lattice spacings."""
+STRONGEST = {"explicit": 4.0, "implicit": 16.0}
+"""g' at most of a resolved wall, in γ/h²; by how the scheme takes it."""
 PRESSED = 1.0
 """Measured addition to the wall's rate where cells are pressed to it."""
 SIGNIFICANT = 9
@@ -110,10 +114,11 @@ def is_resolved(confinement: Confinement, numerics: Numerics) -> bool:
 
 
 def wall_strength(confinement: Confinement, g_e: float, gamma: float, numerics: Numerics) -> float:
-    """What g_e φ_e² is at most on the lattice: g' ≤ 4γ/h² where the wall is resolved."""
+    """What g_e φ_e² is at most on the lattice: g', where the wall is resolved."""
     if not is_resolved(confinement, numerics):
         return g_e
-    return min(g_e, 4 * gamma / numerics.spacing**2)
+    taken = "implicit" if numerics.scheme == "linearised" else "explicit"
+    return min(g_e, STRONGEST[taken] * gamma / numerics.spacing**2)
 
 
 def matching_shift(diffuseness: float, decay: float) -> float:
