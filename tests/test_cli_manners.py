@@ -364,6 +364,20 @@ def test_a_dry_run_tells_what_would_run_and_writes_nothing(folder: Path, call: C
     assert "kB" in told["disk"]
 
 
+def test_a_dry_run_does_not_know_how_many_steps_a_tolerance_takes(folder: Path, call: Call) -> None:
+    words = ["two.toml", "--dt", 1, "--tolerance", 5, "--save-every", 0.5]
+    code, out, err = call("run", *words, "--dry-run")
+    assert (code, err) == (0, "")
+    assert "as many as the tolerance takes, of 0.015625 to 16 each, from t = 0 to 8" in out
+    assert "tolerance 5" in out
+    assert "about 19, every 0.5" in out
+    assert call("run", *words, "-o", "controlled")[0] == 0
+    code, out, _ = call("info", "controlled")
+    assert "tolerance 5" in out
+    with open_run("controlled") as run:
+        assert run["time"].values.tolist() == [k / 2 for k in range(17)]
+
+
 def test_a_dry_run_tells_what_may_diverge(call: Call) -> None:
     with pytest.warns(UserWarning, match="may diverge"):
         out = call("run", "celegans-8", "--dry-run", "--set", "numerics.S=0")[1]

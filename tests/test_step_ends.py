@@ -20,7 +20,6 @@ from morphosim import (
     open_run,
 )
 from morphosim.engine.engine import Engine
-from morphosim.numerics.parameters import OWN_SOLVERS
 
 STEP = 1000
 
@@ -34,7 +33,6 @@ def _long_steps(monkeypatch: pytest.MonkeyPatch) -> None:
         engine.ticks += min(most, STEP)
         engine.steps += 1
 
-    monkeypatch.setitem(OWN_SOLVERS, "linearised", "band")
     monkeypatch.setattr(Engine, "step", step)
 
 

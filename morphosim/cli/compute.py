@@ -125,7 +125,8 @@ def run(
     overrides = _overrides(set_ or [])
     for key, value in (
         ("numerics.preset", preset), ("duration", until), ("numerics.dt", dt),
-        ("numerics.tolerance", tolerance), ("save_every", save_every), ("numerics.threads", threads),
+        ("numerics.tolerance", tolerance), ("save_every", save_every),
+        ("numerics.threads", threads),
     ):  # fmt: skip
         if value is not None:
             overrides[key] = value

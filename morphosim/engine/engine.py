@@ -197,7 +197,10 @@ class Engine(CellView):
         """
         self.settle()
         ticks: int | None = self.solver.fit(most, bool(self.everyone["fresh"].any()))
+        kept = self._states_of_terms()
         while ticks is not None:
+            for name, values in kept.items():  # as they were before a try that is given up
+                self.cells[name][:] = values
             state = self._made_ready(ticks)
             self.whole = False
             ticks = self.solver.advance(state, self._most_of_all)
@@ -207,6 +210,12 @@ class Engine(CellView):
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
         self.whole = True
+
+    def _states_of_terms(self) -> dict[str, NDArray]:
+        """Copies of what terms advance by a step, where a step may be tried again."""
+        if self.numerics.tolerance is None:
+            return {}
+        return {c.name: self.cells[c.name].copy() for c in self.physics.columns if c.saved}
 
     def aim(self, time: float) -> None:
         """Set the target volumes V(t)."""

@@ -95,6 +95,21 @@ def staged() -> Scene:
     )  # fmt: skip
 
 
+def controlled() -> Scene:
+    """Steps by a tolerance: a division, a cell that grows, and a term with state of its own."""
+    divide = Division(cell="c2", daughters=("c2a", "c2p"), axis=(1, 0, 0), fraction=0.4)
+    stages = [
+        Stage(name="first", end=Duration(12)),
+        Stage(name="second", end=Duration(25), events=[divide], physics={"sigma": 0.5}),
+    ]
+    first, *others = cells(8)
+    growing = replace(first, volume=VolumeCourse(times=[0, 50], volumes=[268, 350]))
+    return Scene(
+        cells=[growing, *others], physics=Physics(sigma=0.3, terms=[Turning()]), stages=stages,
+        numerics=numerics(dt=2.0, tolerance=20.0, precision="single"),
+    )  # fmt: skip
+
+
 def vanishing(**values: Any) -> Scene:
     """A cell too small to last."""
     small = Cell(name="small", shape=Sphere(center=(30, 0, 0), radius=1.6), volume=0.1)
@@ -257,6 +272,7 @@ def main() -> None:
     moved = advanced(moving(), steps, rebalance=4)
     write(folder, "moving", moved)
     write(folder, "staged", advanced(staged(), lambda s: s.run()))
+    write(folder, "controlled", advanced(controlled(), lambda s: s.run()))
     remove = vanishing(on_vanish="remove")
     write(folder, "vanishing", advanced(remove, lambda s: s.run(until=40)))
     write(folder, "stopping", advanced(vanishing(), lambda s: s.run(until=40)))

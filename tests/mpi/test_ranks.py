@@ -16,7 +16,7 @@ import xarray as xr
 from morphosim import Cell, Scene, Sphere, open_run, save_scene
 
 DRIVE = Path(__file__).with_name("drive.py")
-SCENES = ["moving", "staged", "vanishing", "stopping"]
+SCENES = ["moving", "staged", "controlled", "vanishing", "stopping"]
 RANKS = [1, 2, 4]
 pytestmark = [
     pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),

@@ -46,6 +46,14 @@ def test_a_function_has_the_fields_and_runs_stay_on_request(store: Store) -> Non
     assert len(list(store.run(0).glob("save-*.nc"))) == 3
 
 
+def test_members_take_their_steps_by_their_tolerances(store: Store) -> None:
+    steps = []
+    for k, tolerance in enumerate((5.0, 100.0)):
+        assert task(store.path, ["step"])(Member(k, {"numerics.tolerance": tolerance})) == ""
+        steps.append(int(store.read(k)["step"]))
+    assert steps[0] > steps[1]
+
+
 @EXPECTED_TO_FAIL
 def test_a_member_that_diverges_has_its_error(store: Store) -> None:
     values = {"numerics.dt": 10.0, "numerics.S": 0.0, "duration": 5000.0}
