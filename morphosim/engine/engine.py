@@ -221,6 +221,10 @@ class Engine(CellView):
         """Set the target volumes V(t)."""
         self.targets(time)
 
+    def _forces_at(self, ticks: int) -> float:
+        """Time at which a step of so many ticks takes forces."""
+        return self.time + (ticks * self.numerics.tick if self.solver.looks_ahead else 0.0)
+
     def _share_fields(self) -> None:
         """Send the fields in which forces are taken to where else they are felt: here, nowhere."""
 
@@ -244,7 +248,7 @@ class Engine(CellView):
         self.settle()
         if self.solver.make_ready(ticks, self.pool, self._schedule):
             self._share_fields()
-        self.aim(self.time + (ticks * self.numerics.tick if self.solver.looks_ahead else 0))
+        self.aim(self._forces_at(ticks))
         self._add_up_forces(ticks)
         if self._values.fresh is not self.cells["fresh"]:  # ranks lay the table out anew
             self._values = self._values._replace(fresh=self.cells["fresh"])
@@ -392,7 +396,10 @@ class Engine(CellView):
         volumes = self.pool.totals * self.numerics.spacing**3
         numerics = self.numerics
         length = ticks * numerics.tick
-        step = Step(self.ticks, self.time, length, numerics.dt, numerics.seed, volumes)
+        step = Step(
+            self.ticks, self.time, self._forces_at(ticks), length, numerics.dt, numerics.seed,
+            volumes,
+        )  # fmt: skip
         forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0

@@ -40,6 +40,9 @@ class Step:
         Of the tick at which it begins: of steps before it, where all are of the same length.
     time : float
         *In silico* time at which it begins.
+    forces_at : float
+        Time at which forces are taken: that of its begin, or of its end with the scheme
+        "linearised". Take there what depends on time.
     dt : float
         Its length, *in silico* time.
     usual_dt : float
@@ -53,6 +56,7 @@ class Step:
 
     number: int
     time: float
+    forces_at: float
     dt: float
     usual_dt: float
     seed: int
