@@ -174,3 +174,15 @@ def _typed_entry(array, i, k):  # without types: Numba compares the signatures
     if isinstance(array, types.NoneType):
         return lambda array, i, k: None
     return lambda array, i, k: array[i, k]
+
+
+def times(factor: Any, weight: Any) -> Any:
+    """`factor` times `weight`, or None where there is no weight; decided by type."""
+    return None if weight is None else factor * weight
+
+
+@overload(times)
+def _typed_times(factor, weight):  # without types: Numba compares the signatures
+    if isinstance(weight, types.NoneType):
+        return lambda factor, weight: None
+    return lambda factor, weight: factor * weight

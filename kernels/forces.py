@@ -16,21 +16,29 @@ from morphosim.kernels.stencils import derivative, weighted_neighbours
 
 
 @inline_kernel()
+def gradient(phi, p, sx, sy, stencil):
+    """∇φ at point p."""
+    c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
+    return (
+        derivative(phi, p, sx, c1, c2, c3),
+        derivative(phi, p, sy, c1, c2, c3),
+        derivative(phi, p, np.uint64(1), c1, c2, c3),
+    )
+
+
+@inline_kernel()
 def force(
-    phi, psi, repulsion, p, sx, sy, stencil, well, half, pressure, dx, dy, dz, points, i,
-    use_repulsion,
+    phi, gx, gy, gz, slope, psi, repulsion, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
+    points, i, use_repulsion,
 ):  # fmt: skip
-    """F at point p; `well` is 4 γ c, `half` is 1/2 in phi's type.
+    """F at point p of ∇φ and |∇φ|; `well` is 4 γ c, `half` is 1/2 in phi's type.
 
     W'(φ) = 4φ³ - 6φ² + 2φ = 4 (φ - φ²) (1/2 - φ).
     """
     sz = np.uint64(1)
     c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
     value = phi[p]
-    gx = derivative(phi, p, sx, c1, c2, c3)
-    gy = derivative(phi, p, sy, c1, c2, c3)
-    gz = derivative(phi, p, sz, c1, c2, c3)
-    total = pressure * np.sqrt(gx * gx + gy * gy + gz * gz)
+    total = pressure * slope
     if psi is not None:
         total -= gx * derivative(psi, p, sx, c1, c2, c3)
         total -= gy * derivative(psi, p, sy, c1, c2, c3)
@@ -56,9 +64,11 @@ def plane_right_hand_side(
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
     for p in range(low, high):
         value = phi[p]
+        gx, gy, gz = gradient(phi, p, sx, sy, stencil)
+        slope = np.sqrt(gx * gx + gy * gy + gz * gz)
         total = force(
-            phi, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz, points, i,
-            use_repulsion,
+            phi, gx, gy, gz, slope, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
+            points, i, use_repulsion,
         )  # fmt: skip
         if history is not None:
             memory = history[p]

@@ -19,10 +19,10 @@ with another δt, for which φ* is laid elsewhere on the same line (`stretch`).
 import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel
+from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel, times
 from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
 from morphosim.kernels.columns import gather
-from morphosim.kernels.forces import force
+from morphosim.kernels.forces import force, gradient
 from morphosim.kernels.frames import (
     band_rows,
     clear,
@@ -33,7 +33,7 @@ from morphosim.kernels.frames import (
     run,
     strides,
 )
-from morphosim.kernels.stencils import derivative, weighted_neighbours
+from morphosim.kernels.stencils import weighted_neighbours
 from morphosim.kernels.step import GUARD
 
 PHI, PSI, RHS, LAST, U, DAMPING = 0, 1, 2, 3, 4, 5
@@ -44,30 +44,25 @@ MISSED, MOVED, SLOPE, N_CHANGES = 0, 1, 2, 3
 
 @kernel()
 def plane_residual(
-    low, high, phi, psi, rhs, last, slopes, damping, sx, sy, stencil, rate, gamma, well, half,
+    low, high, phi, psi, rhs, last, slopes, damping, sx, sy, stencil, rate, well, half,
     pressure, dx, dy, dz, points, i, use_repulsion,
 ):  # fmt: skip
-    """`residual` along one run of the frames."""
-    sz = np.uint64(1)
-    c1, c2, c3 = stencil.c1, stencil.c2, stencil.c3
+    """F - τ/δt (φ* - φⁿ), |∇φ*| and D along one run of the frames, and sums of them."""
     zero = half - half
     three = half + half + half + half + half + half
     sum_residual, sum_slope, sum_damped, sum_square = zero, zero, zero, zero
     for p in range(low, high):
         value = phi[p]
-        total = force(
-            phi, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz, points, i,
-            use_repulsion,
-        )  # fmt: skip
-        gx = derivative(phi, p, sx, c1, c2, c3)
-        gy = derivative(phi, p, sy, c1, c2, c3)
-        gz = derivative(phi, p, sz, c1, c2, c3)
+        gx, gy, gz = gradient(phi, p, sx, sy, stencil)
         square = gx * gx + gy * gy + gz * gz
         slope = np.sqrt(square)
+        total = force(
+            phi, gx, gy, gz, slope, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
+            points, i, use_repulsion,
+        )  # fmt: skip
         local = well * (half - three * (value - value * value))
         if use_repulsion is not None:
             local += rhs[p]
-        around = weighted_neighbours(phi, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
         total -= rate * (value - last[p])
         sum_residual += total
         sum_slope += slope
@@ -75,8 +70,16 @@ def plane_residual(
         sum_damped += local * slope
         damping[p] = local
         slopes[p] = slope
-        rhs[p] = total + gamma * (around + (stencil.l0 + stencil.l0 + stencil.l0) * value)
+        rhs[p] = total
     return sum_residual, sum_slope, sum_damped, sum_square
+
+
+@kernel()
+def add_diffusion(low, high, phi, rhs, sx, sy, l0, l1, l2, l3):
+    """Add γΔφ along one run of the frames; γ is in the weights, and 3 in `l0`."""
+    sz = np.uint64(1)
+    for p in range(low, high):
+        rhs[p] += l0 * phi[p] + weighted_neighbours(phi, p, sx, sy, sz, l1, l2, l3)
 
 
 @kernel()
@@ -87,20 +90,25 @@ def residual(i, boxes, terms, frames, psi, stencil, rate, half, sums, use_repuls
     Σ |∇φ*|, Σ D |∇φ*| and Σ |∇φ*|².
     """
     sx, sy = strides(i, boxes)
-    drift = terms.drift
+    drift, gamma = terms.drift, terms.gamma[i]
     dx, dy, dz = entry(drift, i, 0), entry(drift, i, 1), entry(drift, i, 2)
+    l0, l1 = (gamma + gamma + gamma) * stencil.l0, gamma * stencil.l1
+    l2, l3 = times(gamma, stencil.l2), times(gamma, stencil.l3)
     sums[:4] = 0.0
     for x in range(boxes.shape[i, 0]):
         low, high = run(x, i, boxes, False, sx, sy)
         a, b, c, d = plane_residual(
             low, high, frames[PHI], psi, frames[RHS], frames[LAST], frames[U], frames[DAMPING],
-            np.uint64(sx), np.uint64(sy), stencil, rate, terms.gamma[i], terms.well[i], half,
+            np.uint64(sx), np.uint64(sy), stencil, rate, terms.well[i], half,
             terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
         )  # fmt: skip
         sums[0] += a
         sums[1] += b
         sums[2] += c
         sums[3] += d
+        add_diffusion(
+            low, high, frames[PHI], frames[RHS], np.uint64(sx), np.uint64(sy), l0, l1, l2, l3
+        )
 
 
 @kernel()
@@ -183,6 +191,39 @@ def keep(i, frame, boxes, limits, found, new, rows, survey_of):
             copy_row(frame, np.uint64(frame_index(x, y, 0, sx, sy)), new, goal, nz)
 
 
+@kernel()
+def try_step(
+    i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential, frames, sums,
+    stencil, inner, linear, half, changes, use_repulsion, use_psi,
+):  # fmt: skip
+    """Solve for the new field of cell i; return the frame that holds it on the band."""
+    clear(i, boxes, False, frames[PHI])
+    load(i, ahead, boxes, False, frames[PHI])
+    load(i, phi, boxes, False, frames[LAST])
+    clear(i, boxes, False, frames[U])
+    felt = False
+    if use_repulsion is not None:
+        felt = columns.felt[i]
+        if felt:
+            psi = choose(frames[PSI], use_psi)
+            gather(
+                i, boxes, False, interaction, columns, pairs_start, pair_potential, frames[PHI],
+                frames[RHS], psi,
+            )  # fmt: skip
+            residual(i, boxes, terms, frames, psi, stencil, linear.rate, half, sums, True)
+    if not felt:
+        residual(i, boxes, terms, frames, None, stencil, linear.rate, half, sums, None)
+    stiff, slope = linear.stiffness[i], sums[1]
+    implicit = linear.lhs[i] * slope + sums[2] + stiff * slope * slope
+    q = frames.dtype.type(stiff * sums[0] * slope / implicit if implicit > 0 else 0.0)
+    result = solve(i, boxes, terms, frames, inner, linear.lhs[i], linear.spread, q, half + half)
+    changes[i, SLOPE] = sums[3]
+    changes[i, MISSED], changes[i, MOVED] = add_prediction(
+        i, boxes, frames[result], frames[PHI], frames[LAST]
+    )
+    return result
+
+
 @parallel_kernel()
 def try_steps(
     bounds, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
@@ -203,41 +244,13 @@ def try_steps(
     """
     for worker in prange(bounds.shape[0] - 1):
         frames = work[worker]
-        one = limits.half + limits.half
-        sums = measured[worker]
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
-            clear(i, boxes, False, frames[PHI])
-            load(i, ahead, boxes, False, frames[PHI])
-            load(i, phi, boxes, False, frames[LAST])
-            clear(i, boxes, False, frames[U])
-            felt = False
-            if use_repulsion is not None:
-                felt = columns.felt[i]
-                if felt:
-                    psi = choose(frames[PSI], use_psi)
-                    gather(
-                        i, boxes, False, interaction, columns, pairs_start, pair_potential,
-                        frames[PHI], frames[RHS], psi,
-                    )  # fmt: skip
-                    residual(
-                        i, boxes, terms, frames, psi, stencil, linear.rate, limits.half, sums, True
-                    )  # fmt: skip
-            if not felt:
-                residual(
-                    i, boxes, terms, frames, None, stencil, linear.rate, limits.half, sums, None
-                )  # fmt: skip
-            stiff, slope = linear.stiffness[i], sums[1]
-            implicit = linear.lhs[i] * slope + sums[2] + stiff * slope * slope
-            q = stiff * sums[0] * slope / implicit if implicit > 0 else 0.0
-            result = solve(
-                i, boxes, terms, frames, inner, linear.lhs[i], linear.spread,
-                frames.dtype.type(q), one,
+            result = try_step(
+                i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
+                frames, measured[worker], stencil, inner, linear, limits.half, changes,
+                use_repulsion, use_psi,
             )  # fmt: skip
-            changes[i, SLOPE] = sums[3]
-            changes[i, MISSED], changes[i, MOVED] = add_prediction(
-                i, boxes, frames[result], frames[PHI], frames[LAST]
-            )
             keep(i, frames[result], boxes, limits, found[worker], new, rows, surveys[i])
 
 

@@ -18,13 +18,8 @@ from morphosim.numerics.parameters import LONGEST, PARTS, Numerics
 
 Floats = NDArray[np.float64]
 
-COLUMNS = (
-    Column("acceleration", default=np.nan, inherits=False, optional=True),
-    Column("speed", inherits=False, optional=True),
-    Column("time_error", optional=True),
-)
-"""Of each cell's interface, root mean square: acceleration in the last step, velocity, and the
-error in its place that steps have made so far, µm."""
+COLUMNS = (Column("acceleration", default=np.nan, inherits=False, optional=True),)
+"""Of each cell's interface in the last step, root mean square, µm per unit of time squared."""
 NANOMETRES = 1e-5
 """1 nm in 100 units of time, in µm per unit."""
 SLOW = 0.01
@@ -143,14 +138,3 @@ class StepControl:
             share = 1.0
         wanted = int(np.ceil(ticks * share)) if share > 1 else int(ticks * share)
         self.planned = min(max(wanted, 1), LONGEST * PARTS)
-
-    def note(self, verdict: Verdict, ticks: int, cells: CellTable, rows: NDArray[np.int64]) -> None:
-        """Keep what a step that is taken has shown of each cell.
-
-        An error of place goes on as differences of place do: it grows and dies with the speed.
-        """
-        before, now = cells["speed"][rows], verdict.speed
-        fading = np.where(before > 0, np.minimum(now / np.maximum(before, 1e-30), 1.0), 1.0)
-        cells["time_error"][rows] *= fading
-        cells["time_error"][rows] += verdict.error * ticks * self._tick
-        cells["speed"][rows], cells["acceleration"][rows] = now, verdict.acceleration

@@ -144,7 +144,7 @@ class LinearisedSolver:
         shorter = control.shorter(ticks, excess, reach)
         if shorter is None:
             control.plan(ticks, excess, reach)
-            control.note(verdict, ticks, cells, rows)
+            cells["acceleration"][rows] = verdict.acceleration
         return shorter
 
     def _take(self, state: StepState, planned: int) -> None:
