@@ -122,7 +122,6 @@ class Engine(CellView):
         self.solver = make_solver(numerics, self.dtype, self.workers)
         memory = MEMORIES.get(numerics.scheme, "none")
         self.pool = BoxPool(self.cells, self.dtype, self._limits, memory, self.solver.on_band)
-        self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._coupling = Coupling(self.dtype, self.workers)
         self._workspace = Workspace(self.workers, self.dtype)
         self._controller = ThreadpoolController()
@@ -350,6 +349,8 @@ class Engine(CellView):
             term.prepare(cells, numerics)
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
+        scale = physics.interface_scale
+        self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype, scale)
         tensions = physics.surface_tension.tensions(cells)
         self.solver.set_up(physics, tensions, np.unique(all_tensions), self.explicit_rate)
         n = len(cells)

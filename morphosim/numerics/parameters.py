@@ -15,6 +15,8 @@ OWN_SOLVERS = {"euler": "band", "linearised": "linearised"}
 """Solvers of the schemes that leave no choice."""
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
+FITTED = "fitted"
+ORDERS = (2, 4, 6, FITTED)
 LAPLACIANS = ("exact", "stencil")
 WALLS = ("resolved", "stepped")
 MOST_SWEEPS, LARGEST_SEED = 1000, 2**64 - 1
@@ -67,8 +69,9 @@ class Numerics:
         not converge (see `numerics.chebyshev`).
     spacing : float
         Lattice spacing in µm.
-    order : {2, 4, 6}
-        Order of the gradient stencil.
+    order : {2, 4, 6, "fitted"}
+        Order of the gradient stencil, and of the band's Laplacian; or three points like those of
+        order 6, with weights that fit the interface better (see `numerics.stencils`).
     laplacian : {"exact", "stencil"}
         Symbol of the "dct" solver's Laplacian: -k², or that of the second-difference stencil of
         `order`, which the band always has.
@@ -105,7 +108,7 @@ class Numerics:
     solver: str = "dct"
     sweeps: int = 2
     spacing: float = 0.5
-    order: int = 6
+    order: int | str = 6
     laplacian: str = "exact"
     walls: str = "resolved"
     box_tolerance: float = 1e-3
@@ -126,8 +129,14 @@ class Numerics:
         _validate.choice("numerics.solver", self.solver, choices)
         _validate.integer("numerics.sweeps", self.sweeps, least=2, most=MOST_SWEEPS)
         _validate.number("numerics.spacing", self.spacing, above=0)
-        _validate.choice("numerics.order", self.order, (2, 4, 6))
+        _validate.choice("numerics.order", self.order, ORDERS)
         _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
+        if self.laplacian == "stencil" and self.order == FITTED:
+            message = (
+                "numerics.laplacian = 'stencil' is a Laplacian of order 2, 4 or 6, and "
+                "numerics.order = 'fitted' has none; take laplacian = 'exact', or order = 6"
+            )
+            raise ValueError(message)
         _validate.choice("numerics.walls", self.walls, WALLS)
         _validate.number("numerics.box_tolerance", self.box_tolerance, above=0, most=0.1)
         _validate.choice("numerics.precision", self.precision, PRECISIONS)

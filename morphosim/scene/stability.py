@@ -339,7 +339,8 @@ def _whole_cell_rate(physics: Physics, conditions: Conditions) -> float:
 
 def largest_euler_step(scene: Scene) -> float:
     """Largest δt of explicit Euler that is expected to be stable."""
-    k2 = largest_eigenvalue(scene.numerics.order, scene.numerics.spacing)
+    numerics, scale = scene.numerics, scene.physics.interface_scale
+    k2 = largest_eigenvalue(numerics.order, numerics.spacing, scale)
     stiffest = max(float(conditions.tensions.max()) for _, conditions in _courses(scene))
     fastest = explicit_rate(scene) + stiffest * k2
     return float(2 * scene.physics.tau / fastest)
