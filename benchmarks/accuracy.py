@@ -205,9 +205,9 @@ Measured by `benchmarks/accuracy.py`; see [choosing numerics](choosing-numerics.
 is named: centroids root mean square and largest, the largest relative error of volume and surface,
 of a contact area, and of the field. Variants on the Pareto front are bold.
 
-Weights fitted to the interface (`order = "fitted"`, see `numerics/stencils.py`) leave 0.64, 0.71 and
-0.80 of the embryo's error at h = 2/3, 0.5 and 0.4 µm with `tolerance = 1`: 42 and 27 nm, 8.8 and
-6.3, 5.1 and 4.1. The rest is mostly its walls': those of Eq. 9, at most 4γ/h² strong, hide the gain.
+Weights fitted to the interface (`order = "fitted"`, see `numerics/stencils.py`) leave 0.64, 0.71
+and 0.80 of the embryo's error at h = 2/3, 0.5 and 0.4 µm with `tolerance = 1`: 42 and 27 nm, 8.8
+and 6.3, 5.1 and 4.1. Walls as Eq. 9 has them, at most 4γ/h² strong, hide the gain.
 
 """
 COLUMNS = (

@@ -328,8 +328,8 @@ CONTROL_HEAD = """
 ## Extremes under error control
 
 By `benchmarks/stability.py --tolerance {tolerance:g}`, with steps of that tolerance and other
-numbers as by default: how the extremes end at t = 300, or where they end before, and in how many
-steps. Steps of δt = 2 would be 150; of the least length that there is, 9600.
+numbers as by default: how the extremes end at t = 300 and three steps later, in which none may
+flip, or before, and in how many steps. Steps of δt = 2 would be 150; of the least length, 9600.
 
 """
 
