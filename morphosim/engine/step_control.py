@@ -36,7 +36,10 @@ SAFETY = 0.9
 MOST_EXCESS = 2.0
 """A step whose error is this many times the tolerance is tried again, shorter."""
 GROWTH, STEADY = 1.4, 1.1
-"""Most by which a step is longer than the last, and least: below, it stays as it was."""
+"""Most by which a step is planned longer than the last was, and least: below, it stays."""
+MOST_RATIO = 2.0
+"""Most by which a step is longer than the last, where that was shorter than planned to meet an end:
+two steps in place of three, or one of two, could not come by `GROWTH` alone."""
 LEAST_SHARE, MOST_SHARE = 0.2, 0.7
 """Bounds of a step that is tried again, in the length before."""
 FARTHEST = 0.5
@@ -135,10 +138,11 @@ class StepControl:
         return self.planned
 
     def plan(self, ticks: int, excess: float, reach: float) -> None:
-        """Plan the step after one of so many ticks that is taken."""
+        """Plan the step after one of so many ticks, at most `planned`, that is taken."""
         self.missed = self.missed + 1 if excess > MOST_EXCESS else 0
         tiny = np.finfo(float).tiny
-        share = min(SAFETY * max(excess, tiny) ** -0.5, FARTHEST / max(reach, tiny), GROWTH)
+        longest = min(GROWTH * max(self.planned / ticks, 1.0), MOST_RATIO)
+        share = min(SAFETY * max(excess, tiny) ** -0.5, FARTHEST / max(reach, tiny), longest)
         if 1 <= share < STEADY:
             share = 1.0
         wanted = int(np.ceil(ticks * share)) if share > 1 else int(ticks * share)
