@@ -37,7 +37,7 @@ def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
     if "physics" in attrs:
         yield f"physics: {listing(json.loads(attrs['physics']))}"
     if "numerics" in attrs:
-        yield f"numerics: {preset_text(json.loads(attrs['numerics']))}"
+        yield f"numerics: {preset_text(json.loads(attrs['numerics']), attrs.get('S'))}"
     if "from_run" in attrs:
         yield f"started from {attrs['from_run']} at its t = {attrs['from_time']:g}"
     yield f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}{_written(place)}"
@@ -82,16 +82,18 @@ def listing(table: dict[str, Any]) -> str:
     return ", ".join(words)
 
 
-def preset_text(numerics: dict[str, Any]) -> str:
-    """The preset that numerics are nearest to, and how they differ from it."""
-    said = {key: value for key, value in numerics.items() if key not in ANY_PRESET}
+def preset_text(numerics: dict[str, Any], S: float | None = None) -> str:
+    """The preset that numerics are nearest to, how they differ from it, and the S chosen."""
+    known = dict.fromkeys(("S", "start_S"))  # tables leave out what is None
+    said = {key: v for key, v in (known | numerics).items() if key not in ANY_PRESET}
     found = []
     for name in PRESETS:
         preset = asdict(Numerics.preset(name))
         other = {key: value for key, value in said.items() if preset.get(key) != value}
         found.append((name, other))
     name, other = min(found, key=lambda pair: len(pair[1]))
-    return f"{name}, with {listing(other)}" if other else name
+    chosen = f"; S = {S:.3g} (chosen)" if S is not None and said["S"] is None else ""
+    return (f"{name}, with {listing(other)}" if other else name) + chosen
 
 
 def _cells(data: "xr.Dataset") -> Iterator[str]:

@@ -49,9 +49,10 @@ class Numerics:
         Error in time that steps may make, in nm of a cell's interface per 100 units of *in silico*
         time; of cells that go farther than 1 µm in that time, so many per mille of their way. The
         steps' lengths follow from it, from δt/64 to 16 δt. By default all steps are δt.
-    S : float
+    S : float, optional
         Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
-        "euler". See `stability.least_S`: walls that are not resolved need 12 to 16 at δt = 2.
+        "euler". By default it is chosen for the scene: what `stability.least_S` asks for, with a
+        margin. More makes what moves late, see `stability.lag`.
     scheme : {"bdf2", "imex1", "euler", "linearised"}
         Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), explicit Euler, or second
         order with the forces' own derivative implicit at each point, for long steps. A tolerance
@@ -102,7 +103,7 @@ class Numerics:
 
     dt: float = 2.0
     tolerance: float | None = None
-    S: float = 6.0
+    S: float | None = None
     scheme: str = "bdf2"
     start_S: float | None = None
     solver: str = "dct"
@@ -120,11 +121,11 @@ class Numerics:
 
     def __post_init__(self) -> None:
         _validate.number("numerics.dt", self.dt, above=0)
-        _validate.number("numerics.S", self.S, least=0)
         _validate.choice("numerics.scheme", self.scheme, SCHEMES)
         self._check_tolerance()
-        if self.start_S is not None:
-            _validate.number("numerics.start_S", self.start_S, least=0)
+        for name in ("S", "start_S"):
+            if getattr(self, name) is not None:
+                _validate.number(f"numerics.{name}", getattr(self, name), least=0)
         choices = [name for name in SOLVERS if name not in SCHEMES]
         _validate.choice("numerics.solver", self.solver, choices)
         _validate.integer("numerics.sweeps", self.sweeps, least=2, most=MOST_SWEEPS)

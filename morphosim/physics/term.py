@@ -176,6 +176,9 @@ class Conditions:
         See `Physics`.
     numerics, confinement
         See `Scene`.
+    pressing : float
+        Whether cells are, or may come to be, pressed to the walls: 1, or down to 0 where they only
+        touch them.
     """
 
     tensions: Floats
@@ -188,6 +191,7 @@ class Conditions:
     interface_scale: float
     numerics: Numerics
     confinement: Confinement | None
+    pressing: float = 1.0
 
     __repr__ = short_repr
 

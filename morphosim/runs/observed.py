@@ -40,6 +40,10 @@ class Observed(Protocol):
         """Ticks passed: what *in silico* time is counted in, see `Numerics.tick`."""
 
     @property
+    def S(self) -> float:
+        """The stabilisation at work."""
+
+    @property
     def whole(self) -> bool:
         """Whether all cells are at the same step; false if a step has been broken off."""
 

@@ -115,7 +115,7 @@ class Simulation(State):
         else:
             self._take_over(state)
             self._stages.restore(state)
-        stability.check(scene)
+        stability.check(scene, self.S)
         self.engine.settle()
 
     def __repr__(self) -> str:
@@ -148,14 +148,14 @@ class Simulation(State):
     def _make_engine(self) -> Engine:
         """Engine without cells."""
         scene = self.scene
-        rate = stability.explicit_rate(scene)
-        return Engine(scene.physics, scene.numerics, scene.confinement, rate)
+        return Engine(scene.physics, scene.numerics, scene.confinement)
 
     def _start(self) -> None:
         """Begin with the cells of the scene."""
         check_size(self.scene)
         cells = self.scene.cells
         self.engine.start(cell_columns(cells), self.scene.types, start_fields(self.scene, cells))
+        self.engine.explicit_rate = stability.start_rate(self.scene)
         self._used = used_names(self.engine.everyone)
 
     @classmethod
@@ -218,6 +218,7 @@ class Simulation(State):
             back=None if stages is None else stages.back,
             identity=self.identity,
             error=self.error,
+            explicit_rate=self.engine.explicit_rate,
         )
 
     @cached_property
@@ -235,6 +236,7 @@ class Simulation(State):
         known = {cell.name: cell.volume for cell in self.scene.cells if callable(cell.volume)}
         self._volumes = VolumeFunctions.of(state.volumes, known | self._volumes.functions)
         physics = physics_of(relocated(state.physics, self.scene.courses), state.names)
+        self.engine.explicit_rate = state.explicit_rate
         self.engine.restore(state.arrays, physics, state.steps, state.ticks)
         self.stage, self.removed = state.stage, list(state.removed)
         self.identity = state.identity
@@ -424,7 +426,7 @@ class Simulation(State):
             f"cell {name!r} diverged at t = {self.time:g} (step {self.engine.steps}): "
             f"its field is not finite or exceeds {RUNAWAY:g} in magnitude. It keeps the field of "
             f"t = {before:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
-            f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces{terms}"
+            f"larger numerics.S (now {self.S:.3g}), scheme = 'imex1', or weaker forces{terms}"
         )
         raise DivergenceError(message, time=self.time, cell=name)
 

@@ -49,6 +49,11 @@ class State(Changes):
         return self.scene.numerics.tick
 
     @property
+    def S(self) -> float:
+        """The stabilisation at work: that of the numerics, or what has been chosen."""
+        return self.engine.S
+
+    @property
     def spacing(self) -> float:
         """Lattice spacing, µm."""
         return self.scene.numerics.spacing
