@@ -355,11 +355,11 @@ def test_a_dry_run_tells_what_would_run_and_writes_nothing(folder: Path, call: C
     assert not Path("run").exists()
     assert told["cells"] == "1"
     assert "gamma 0.3" in told["physics"]
-    assert told["numerics"] == "standard, with dt 1"
+    assert told["numerics"] == "standard, with dt 1; S = 2.33 (chosen)"
     assert told["steps"] == "8 of dt = 1, from t = 0 to 8"
     assert told["stage 2"] == "two: Division; until Duration (time 4)"
     assert told["saves"] == "about 5, every 4"
-    assert "needed" in told["stability"]
+    assert told["stability"].startswith("S = 2.33 is chosen, ")
     assert "MB" in told["memory"]
     assert "kB" in told["disk"]
 
@@ -405,7 +405,7 @@ def test_info_of_a_run_with_stages(call: Call) -> None:
     out = call("info", "run")[1]
     assert "MorphoSim run of two" in out
     assert "physics: tau 2.62, gamma 0.25" in out
-    assert "numerics: draft\n" in out
+    assert "numerics: draft; S = 4.93 (chosen)\n" in out
     assert "stage: two\n" in out
     assert "; written from " in out
     assert "\nfinished\n" in out

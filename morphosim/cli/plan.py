@@ -47,9 +47,10 @@ def _stability(scene: Scene, S: float) -> str:
         limit = f"dt = {numerics.dt:g}, at most {stability.largest_euler_step(scene):.3g}"
         expected = "is expected to be stable"
     else:
-        chosen = " (chosen)" if numerics.S is None else ""
-        limit = f"S = {S:.3g}{chosen}, at least {stability.least_S(scene):.3g}"
+        limit = f"S = {S:.3g}, at least {stability.least_S(scene):.3g}"
         expected = "is expected to be needed"
+        if numerics.S is None:
+            limit, expected = f"S = {S:.3g}", "is chosen, and anew when physics or cells change"
     return "; ".join([f"{limit} {expected}", *stability.concerns(scene, S)])
 
 

@@ -67,14 +67,13 @@ class Engine(CellView):
     ----------
     physics, numerics, confinement
         See `Scene`.
-    explicit_rate : float
-        See below.
 
     Attributes
     ----------
     explicit_rate : float
         Rate of what a step takes explicitly, with a margin; where `numerics.S` is None, S follows
-        from it (`schemes.stabilisation`). Set it before `set_physics`, `restore` or `restart`.
+        from it (`schemes.stabilisation`). Set it before `set_physics` and `restore`, else by
+        `stabilise`.
     cells : CellTable
         The N cells. Set values of columns in place; say `change` if others than `target` change.
     pool : BoxPool
@@ -104,11 +103,10 @@ class Engine(CellView):
     _later: Scheme
 
     def __init__(
-        self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        explicit_rate: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, physics: Physics, numerics: Numerics, confinement: Confinement | None
+    ) -> None:
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
-        self.explicit_rate = explicit_rate
+        self.explicit_rate = 0.0
         self.dtype = np.dtype(DTYPES[numerics.precision])
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
@@ -319,6 +317,18 @@ class Engine(CellView):
             if any(column.name in new for column in term.columns):
                 term.start(self.cells, self.numerics)
         self.restart()
+
+    def stabilise(self, rate: float) -> None:
+        """Set another `explicit_rate`; cells keep their history.
+
+        In Eq. 9 the history has S φⁿ⁻¹, of which what is added now is taken to be φⁿ.
+        """
+        before = self.S
+        self.explicit_rate = rate
+        if self.pool.history is not None and self.numerics.scheme == "bdf2":
+            for i in np.flatnonzero(~self.cells["fresh"]).tolist():
+                self.pool.box(i, self.pool.history)[:] -= (self.S - before) * self.pool.box(i)
+        self.change()
 
     def change(self) -> None:
         """Say that cells, types, tensions or parameters have changed; cells keep their history."""

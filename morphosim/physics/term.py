@@ -167,6 +167,7 @@ class Conditions:
     mean_tension : float
         Of all cells.
     volumes : (m,) target volumes of these cells, and those that they come to, µm³
+    filled : (m,) ∫ φ of these cells, where it may be more
     types : cell types that there are or may be
     several : bool
         Whether there is more than one cell, now or by divisions that are stated.
@@ -184,6 +185,7 @@ class Conditions:
     tensions: Floats
     mean_tension: float
     volumes: Floats
+    filled: Floats
     types: Sequence[str]
     several: bool
     staged: bool

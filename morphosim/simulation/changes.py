@@ -237,9 +237,7 @@ class Changes:
         physics, engine = self.physics, self.engine
         conditions = self._conditions(physics)
         if self.scene.numerics.S is None and stability.needed_S(physics, conditions) > engine.S:
-            engine.explicit_rate = stability.safe_rate(physics, conditions)
-            engine.restart()
-            self._tell(f"S is {engine.S:.3g} from now on")
+            engine.stabilise(stability.safe_rate(physics, conditions))
         self._warn_of_S(physics, conditions)
 
     def _warn_of_S(self, physics: Physics, conditions: Conditions) -> None:
@@ -252,15 +250,19 @@ class Changes:
                 warn(f"from t = {self.time:g} on: {text}", StabilityWarning)
 
     def _conditions(self, physics: Physics) -> Conditions:
-        """What force terms are asked about: cells of the scene, and those that live now."""
-        table = self.engine.everyone
-        stepped = ~table["frozen"]
-        known = stability.conditions(self.scene, physics)
-        tensions = physics.surface_tension.tensions(table)[stepped]
-        return replace(
-            known, tensions=np.concatenate([known.tensions, tensions]),
-            volumes=np.concatenate([known.volumes, table["target"][stepped]]),
-            types=sorted({*known.types, *table.types}), several=known.several or len(table) > 1,
+        """What force terms are asked about, of the cells that live now."""
+        table, scene = self.engine.everyone, self.scene
+        tensions, stepped = physics.surface_tension.tensions(table), ~table["frozen"]
+        if not stepped.any():
+            stepped[:] = True
+        courses = [getattr(f, "volumes", ()) for f in self._volumes.functions.values()]
+        to_come = np.array([volume for course in courses for volume in course])
+        return stability.conditions_of(
+            scene, physics, tensions=tensions[stepped], mean_tension=float(tensions.mean()),
+            volumes=np.concatenate([table["target"][stepped], to_come]),
+            filled=np.concatenate([self.engine.volumes[stepped], to_come]),
+            types=sorted({*scene.possible_types, *table.types}),
+            several=len(scene.possible_names) > 1 or len(table) > 1,
         )  # fmt: skip
 
     @cached_property

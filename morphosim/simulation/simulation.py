@@ -35,6 +35,9 @@ from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.state import State
 from morphosim.simulation.volumes import VolumeFunctions
 
+LOOK_AT_TARGETS = 32
+"""Steps between two looks at whether target volumes that are functions of time need another S."""
+
 
 @dataclass
 class Simulation(State):
@@ -410,6 +413,8 @@ class Simulation(State):
     def _step(self, most: int) -> None:
         """Take a step of at most so many ticks."""
         before = self.time
+        if self._volumes.functions and self.steps % LOOK_AT_TARGETS == 0:
+            self._stay_stable()
         self.engine.step(most)
         if (diverged := self.engine.diverged()).size:
             self._raise_divergence(int(diverged[0]), before)
