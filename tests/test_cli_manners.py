@@ -405,7 +405,7 @@ def test_info_of_a_run_with_stages(call: Call) -> None:
     out = call("info", "run")[1]
     assert "MorphoSim run of two" in out
     assert "physics: tau 2.62, gamma 0.25" in out
-    assert "numerics: draft; S = 4.93 (chosen)\n" in out
+    assert "numerics: draft; S = 5.61 (chosen)\n" in out
     assert "stage: two\n" in out
     assert "; written from " in out
     assert "\nfinished\n" in out
@@ -423,10 +423,10 @@ def test_info_of_a_run_that_started_from_another(call: Call) -> None:
 def test_info_advises_to_resume_only_what_can(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     step = morphosim.Simulation._step
 
-    def interrupted(self: morphosim.Simulation) -> None:
+    def interrupted(self: morphosim.Simulation, most: int) -> None:
         if self.time >= 4:
             raise KeyboardInterrupt
-        step(self)
+        step(self, most)
 
     monkeypatch.setattr(morphosim.Simulation, "_step", interrupted)
     assert call("run", "one.toml", "-o", "run")[0] == 130

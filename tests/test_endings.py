@@ -223,7 +223,11 @@ def test_a_variable_that_fails_at_the_end_does_not_lose_the_last_state(tmp_path:
 
 
 @pytest.mark.parametrize(
-    "settings", [["physics.M=200", "numerics.S=6"], ["numerics.preset=standard", "numerics.S=0", "numerics.dt=8"]]
+    "settings",
+    [
+        ["physics.M=200", "numerics.S=6"],
+        ["numerics.preset=standard", "numerics.S=0", "numerics.dt=8"],
+    ],
 )
 @EXPECTED_TO_FAIL
 def test_a_run_that_diverges_says_so_and_keeps_its_last_finite_state(

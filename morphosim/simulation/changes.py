@@ -242,12 +242,12 @@ class Changes:
 
     def _warn_of_S(self, physics: Physics, conditions: Conditions) -> None:
         """Warn of an S that is given and too small, unless as much has been told of."""
-        needed = stability.needed_S(physics, conditions)
-        if needed > self._known_S * (1 + 1e-9):
+        numerics, needed = self.scene.numerics, stability.needed_S(physics, conditions)
+        rates = stability.rates_of(physics, conditions)
+        text = stability.too_small(numerics, rates, needed)
+        if text and needed > self._known_S * (1 + 1e-9):
             self._known_S = needed
-            rates = stability.rates_of(physics, conditions)
-            if text := stability.too_small(self.scene.numerics, rates, needed):
-                warn(f"from t = {self.time:g} on: {text}", StabilityWarning)
+            warn(f"from t = {self.time:g} on: {text}", StabilityWarning)
 
     def _conditions(self, physics: Physics) -> Conditions:
         """What force terms are asked about, of the cells that live now."""
