@@ -1,5 +1,7 @@
 """How long steps become under error control."""
 
+from itertools import pairwise
+
 import pytest
 
 from morphosim import Numerics
@@ -23,7 +25,7 @@ def lengths(most: int, steps: int, excess: float = 0.0) -> list[int]:
 def test_steps_grow_to_the_distance_of_ends_that_they_must_meet(most: int) -> None:
     found = lengths(most, 60)
     assert found[-1] == most
-    assert all(after <= 2 * before for before, after in zip(found, found[1:], strict=False))
+    assert all(after <= 2 * before for before, after in pairwise(found))
 
 
 def test_steps_do_not_grow_beyond_the_longest() -> None:
