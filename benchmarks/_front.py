@@ -39,8 +39,8 @@ WARM_UP = 3
 """Steps that compile all that a race needs."""
 CLAIMS = {"draft": "draft", "standard": "fast", "reference": "reference"}
 """At the error of which former preset the new front is compared with the time of which."""
-TOLERANCES = (3.0, 10.0, 30.0, 100.0)
-SPACINGS = (1 / 3, 0.4, 0.5, 2 / 3)
+TOLERANCES = (2.0, 5.0, 10.0, 20.0, 50.0)
+SPACINGS = (1 / 3, 0.4, 0.5, 0.6, 2 / 3)
 TRUTH: dict[float, dict[str, Any]] = {
     480.0: {"spacing": 0.25, "dt": 0.25, "S": 4.4, "precision": "double", "box_tolerance": 1e-5},
     15000.0: {"spacing": 1 / 3, "dt": 0.5, "S": 6.0, "box_tolerance": 1e-4},
@@ -57,7 +57,7 @@ def variants() -> dict[str, Numerics]:
         | presets
         | {
             f"{tolerance:g} nm, h = {h:.3g}": Numerics(
-                solver="band", tolerance=tolerance, spacing=h, allow_coarse=True
+                tolerance=tolerance, spacing=h, order="fitted", allow_coarse=True
             )
             for h in SPACINGS
             for tolerance in TOLERANCES
