@@ -44,8 +44,9 @@ LEAST_SHARE, MOST_SHARE = 0.2, 0.7
 """Bounds of a step that is tried again, in the length before."""
 FARTHEST = 0.5
 """Farthest that interfaces should move in a step, in lattice spacings: the band follows by one."""
-FIRST = PARTS // 4
-"""Ticks of the first step, and of one that some cells begin without history."""
+FIRST, FIRST_TOLERANCE = PARTS // 4, 20.0
+"""Ticks of the first step, and of one that some cells begin without history, from this tolerance
+on, nm. It is of first order, and tells no error: with the tolerance it falls as its square does."""
 PATIENCE = 100
 """Steps of one tick that may miss the tolerance, one after the other, before the run ends."""
 
@@ -81,6 +82,8 @@ class StepControl:
 
     Attributes
     ----------
+    first : int
+        Most ticks of a step that some cells begin without history.
     planned : int
         Length of the next step.
     missed : int
@@ -89,8 +92,10 @@ class StepControl:
 
     def __init__(self, numerics: Numerics) -> None:
         self._tick, self._spacing = numerics.tick, numerics.spacing
-        self._allowed = (numerics.tolerance or 0.0) * NANOMETRES
-        self.planned, self.missed = FIRST, 0
+        tolerance = numerics.tolerance or 0.0
+        self._allowed = tolerance * NANOMETRES
+        self.first = max(int(FIRST * min(tolerance / FIRST_TOLERANCE, 1.0) ** 0.5), 1)
+        self.planned, self.missed = self.first, 0
 
     def fit(self, most: int, fresh: bool) -> int:
         """Length of the next step, of which equal ones meet the last of `most` ticks.
@@ -98,7 +103,7 @@ class StepControl:
         `fresh` tells whether some cell begins without history.
         """
         if fresh:
-            self.planned = min(self.planned, FIRST)
+            self.planned = min(self.planned, self.first)
         return -(-most // -(-most // self.planned))
 
     def judge(self, changes: Floats, ticks: int, before: int, damped: float, cells: CellTable,
