@@ -12,7 +12,7 @@ Writes accuracy.nc, accuracy.md and accuracy.png into the output folder.
 With `--front` it races presets, the presets as they were before steps knew their error (`former`)
 and runs with a tolerance instead, to t = 480 and to t = 15000 (hours; finished races are kept,
 `--until` and `--only` choose). Errors are those of centroids against converged courses: h = 0.25
-µm, δt = 0.25 to t = 480; h = 1/3 µm, δt = 0.5 to t = 15000. Writes front.json, .md and .png.
+µm, δt = 0.25 to t = 480; h = 0.25 µm, tolerance = 1 to t = 15000. Writes front.json, .md and .png.
 """
 
 import argparse
