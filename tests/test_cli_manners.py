@@ -154,6 +154,19 @@ def test_lines_of_a_run_with_stages_tell_the_stage(often: None, call: Call) -> N
     assert err.count("saved t = 8 in run") == 1
 
 
+def test_the_time_left_follows_steps_that_grow() -> None:
+    from morphosim import progress
+
+    left = progress.Remaining(10.0)
+    assert left.seconds(100.0) is None
+    left.note(1.0, 12.0)
+    assert left.seconds(100.0) == pytest.approx(44)
+    for second in range(2, 100):  # ten times as fast from now on
+        left.note(float(second), 12.0 + 20 * (second - 1))
+    assert left.seconds(2972.0) == pytest.approx(50)
+    assert len(left._marks) < 20
+
+
 def test_lines_become_rarer(monkeypatch: pytest.MonkeyPatch) -> None:
     from morphosim import progress
 
