@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,13 +78,15 @@ def listing(table: dict[str, Any]) -> str:
             value = f"({listing(value)})"
         elif isinstance(value, float):
             value = f"{value:g}"
+        elif value is None:
+            value = "none"
         words.append(f"{key} {value}")
     return ", ".join(words)
 
 
 def preset_text(numerics: dict[str, Any], S: float | None = None) -> str:
     """The preset that numerics are nearest to, how they differ from it, and the S chosen."""
-    known = dict.fromkeys(("S", "start_S"))  # tables leave out what is None
+    known = {f.name: None for f in fields(Numerics) if f.default is None}  # tables leave it out
     said = {key: v for key, v in (known | numerics).items() if key not in ANY_PRESET}
     found = []
     for name in PRESETS:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
 from morphosim.errors import CellVanishedError, DivergenceError, SimulationError, ToleranceError
-from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS
+from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS, PARTS
 from morphosim.progress import Tell, silent
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.identity import Identity
@@ -424,16 +424,26 @@ class Simulation(State):
             self._handle_vanished(vanished)
 
     def _raise_divergence(self, i: int, before: float) -> None:
-        numerics, name = self.scene.numerics, self.names[i]
-        own = ", ".join(term.name for term in self.physics.terms)
-        terms = f"; or look at your own force terms: {own}" if own else ""
+        name = self.names[i]
         message = (
             f"cell {name!r} diverged at t = {self.time:g} (step {self.engine.steps}): "
             f"its field is not finite or exceeds {RUNAWAY:g} in magnitude. It keeps the field of "
-            f"t = {before:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
-            f"larger numerics.S (now {self.S:.3g}), scheme = 'imex1', or weaker forces{terms}"
+            f"t = {before:g}. Try {self._cures()}"
         )
         raise DivergenceError(message, time=self.time, cell=name)
+
+    def _cures(self) -> str:
+        """What to try where fields diverge."""
+        numerics = self.scene.numerics
+        shortest = f", of which the shortest step is 1/{PARTS}" if numerics.tolerance else ""
+        cures = [f"a smaller numerics.dt (now {numerics.dt:g}{shortest})"]
+        if numerics.scheme != "euler":
+            cures.append(f"a larger numerics.S (now {self.S:.3g})")
+        if numerics.scheme == "bdf2":
+            cures.append("scheme = 'imex1'")
+        own = ", ".join(term.name for term in self.physics.terms)
+        terms = f"; or look at your own force terms: {own}" if own else ""
+        return f"{', '.join(cures)}, or weaker forces{terms}"
 
     def _raise_overdue(self) -> None:
         """Tell that the shortest steps miss the tolerance, and of which cell most."""
