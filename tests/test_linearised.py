@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from morphosim import Attraction, Term
+from morphosim import Attraction, Column, Term
+from morphosim.cell_field import CellField
+from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine
 from morphosim.engine.solvers.linearised import LinearisedSolver
 from morphosim.engine.step_control import FIRST
+from morphosim.physics.term import Forces, Step
+from morphosim.physics.volume_constraint import VolumeConstraint
 
 from .helpers import H, advance, centroids, grid_around, make_engine, normals, on_grid, sphere
 from .reference import full_grid as fg
@@ -148,3 +152,225 @@ def test_errors_fall_with_the_tolerance_and_are_near_it() -> None:
         steps.append(engine.steps)
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
     assert steps == sorted(steps)
+
+
+# --- steps that are tried again ------------------------------------------------------------------
+
+
+def twins(count: int, **numerics: Any) -> list[Engine]:
+    """Engines in the same state, on their way."""
+    engine = adhering(**numerics)
+    *_, engine = run(engine, 100)
+    others = [adhering(**numerics) for _ in range(count - 1)]
+    for other in others:
+        other.restore(engine.contents(), engine.physics, engine.steps, engine.ticks)
+    return [engine, *others]
+
+
+def arrays(engine: Engine) -> dict[str, np.ndarray]:
+    return engine.contents() | {
+        "lost": engine.pool.lost.copy(),
+        "totals": engine.pool.totals.copy(),
+    }
+
+
+def test_a_step_that_is_tried_again_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried_again, at_once = twins(2, dt=2.0, tolerance=1.0)
+    control, solver = tried_again.solver._control, tried_again.solver
+    lengths, advance = [], solver.advance
+
+    def watched(state: Any, most_of_all: Any) -> int | None:
+        before = arrays(tried_again)
+        lengths.append(state.ticks)
+        shorter = advance(state, most_of_all)
+        if shorter is not None:
+            assert shorter < state.ticks
+            after = arrays(tried_again)
+            after["stepping"][2] = before["stepping"][2]  # the length that is planned
+            for name, values in before.items():
+                np.testing.assert_array_equal(after[name], values, err_msg=name)
+        return shorter
+
+    monkeypatch.setattr(solver, "advance", watched)
+    tick, control.planned = tried_again.ticks, 400
+    with tried_again.limited_threads():
+        tried_again.step()
+    assert len(lengths) > 1, "the first was too long"
+    assert tried_again.ticks == tick + lengths[-1]
+    take(at_once, lengths[-1])
+    found, expected = arrays(tried_again), arrays(at_once)
+    for name, values in expected.items():
+        if values.dtype.kind == "f":
+            np.testing.assert_allclose(found[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+        else:
+            np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
+def apart(**numerics: Any) -> Engine:
+    """Two balls that do not feel each other."""
+    return adhering([((0.0, 0.0, 0.0), 2.5), ((15.0, 0.0, 0.0), 2.5)], **numerics)
+
+
+@pytest.mark.parametrize("tolerance", [None, 20.0])
+def test_a_cell_that_diverges_keeps_its_field_and_stands_still(tolerance: float | None) -> None:
+    engine = apart(tolerance=tolerance)
+    pool = engine.pool
+    *_, engine = run(engine, 10)
+    pool.box(0, pool.acting)[10, 10, 10] = np.nan
+    before = pool.phi.copy()
+    with engine.limited_threads():
+        engine.step()
+    assert engine.diverged().tolist() == [0]
+    np.testing.assert_array_equal(pool.box(0), pool.box(0, before))
+    np.testing.assert_array_equal(pool.box(0, pool.acting), pool.box(0))
+    assert pool.totals[0] == pytest.approx(pool.box(0).sum())
+    assert np.isfinite(pool.box(1, pool.acting)).all()
+    with engine.limited_threads():
+        engine.step()
+    assert not engine.diverged().size
+
+
+# --- cells that move, come and go ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wind(Term):
+    """All cells drift along x with the velocity v."""
+
+    v: float
+    tau: float = 2.62
+
+    def update(self, cells: Any, step: Any, forces: Any) -> None:
+        """Blow."""
+        forces.drift[:, 0] -= self.tau * self.v
+
+
+def assert_sound(engine: Engine) -> None:
+    """Outside of bands there is nothing, and sums are those of the fields."""
+    pool = engine.pool
+    for i in range(len(engine)):
+        band = pool.band[pool.plane_start[i] : pool.plane_start[i] + pool.shape[i, 0]]
+        y = np.arange(pool.shape[i, 1])
+        outside = (y < band[:, :1]) | (y >= band[:, 1:])
+        for values in (pool.phi, pool.acting):
+            assert not pool.box(i, values)[outside].any()
+    sums = [[pool.box(i, p).sum() for i in range(len(engine))] for p in (pool.phi, pool.acting)]
+    np.testing.assert_allclose(pool.surveys[:, 0], sums[0], rtol=1e-12)
+    np.testing.assert_allclose(pool.totals, sums[1], rtol=1e-12)
+
+
+def test_boxes_move_with_cells_whose_steps_differ() -> None:
+    v, end, results = 0.2, 24, []
+    for threads in (1, 2):
+        engine = adhering(dt=1.0, tolerance=5.0, threads=threads, box_tolerance=1e-3)
+        engine.set_physics(replace(engine.physics, terms=[Wind(v=v)]))
+        begin, moved = centroids(engine).mean(axis=0), 0
+        for now in run(engine, end * 64):
+            moved += len(now.moved)
+            assert_sound(now)
+        assert moved > 2 * len(engine)
+        way = centroids(engine).mean(axis=0) - begin
+        assert way[0] == pytest.approx(v * end, rel=0.005), "5 per mille are allowed"
+        assert np.abs(way[1:]).max() < 0.01 * v * end
+        assert np.abs(engine.lost_volume).max() < 2e-3 * engine.volumes.min()
+        results.append(arrays(engine))
+    for name, values in results[0].items():
+        np.testing.assert_array_equal(results[1][name], values, err_msg=name)
+
+
+def test_cells_may_stop_go_on_and_go() -> None:
+    engine = adhering(dt=2.0, tolerance=10.0)
+    *_, engine = run(engine, 200)
+    assert_sound(engine)
+    pool = engine.pool
+    engine.cells["frozen"][0] = True
+    engine.restart([0])
+    field = pool.box(0).copy()
+    for now in run(engine, 400):
+        np.testing.assert_array_equal(pool.box(0), field)
+        np.testing.assert_array_equal(pool.box(0, pool.acting), field)
+        assert_sound(now)
+    engine.cells["frozen"][0] = False
+    engine.restart([0])
+    for now in run(engine, 600):
+        assert_sound(now)
+    assert np.abs(pool.box(0) - field).max() > 1e-3
+    phi, origin, x = pool.box(0), pool.origin[0].copy(), np.arange(pool.shape[0, 0])
+    sides = [(x < x.mean())[:, None, None] * phi, (x > x.mean())[:, None, None] * phi]
+    halves = [CellField(name, origin, side) for name, side in zip("03", sides, strict=True)]
+    targets = [side.sum() * H**3 for side in sides]
+    engine.divide(0, {"name": ["0", "3"], "target": targets}, ["A", "A"], halves)
+    assert_sound(engine)
+    ticks, steps = engine.ticks, engine.steps
+    for now in run(engine, ticks + 200):
+        assert now.steps > steps + 1 or now.ticks - ticks <= FIRST
+        assert_sound(now)
+    assert engine.cells.names == ["1", "2", "0", "3"]
+    engine.remove(1)
+    history = pool.box(0, pool.acting).copy()
+    engine.settle()
+    np.testing.assert_array_equal(pool.box(0, pool.acting), history)
+    *_, engine = run(engine, ticks + 300)
+    assert_sound(engine)
+
+
+def test_a_cell_that_shrinks_vanishes_without_end_of_the_run() -> None:
+    engine = adhering([*BALLS[:2], ((9.0, 0.0, 0.0), 1.2)], dt=2.0, tolerance=10.0)
+    engine.cells["target"][2] = 0.05
+    for now in run(engine, 30 * 32):
+        assert not now.overdue
+        assert not now.diverged().size
+        if now.vanished().size:
+            assert now.vanished().tolist() == [2]
+            now.remove(2)
+    assert len(engine) == 2
+    assert_sound(engine)
+
+
+# --- the volume constraint -----------------------------------------------------------------------
+
+
+def test_volumes_follow_targets_that_grow_without_lag() -> None:
+    """The pressure is that of the new volume and the new target, however long the step."""
+    rate, end, shares = 0.01, 40.0, []
+    for dt in (0.25, 4.0):
+        engine = apart(dt=dt)
+        begin = engine.cells["target"].copy()
+
+        def grow(time: float, engine: Engine = engine, begin: np.ndarray = begin) -> None:
+            engine.cells["target"][:] = begin * (1 + rate * time)
+
+        engine.targets = grow
+        *_, engine = run(engine, int(end / dt))
+        shares.append(engine.volumes[0] / engine.cells["target"][0])
+    assert engine.cells["target"] == pytest.approx(1.4 * begin)
+    assert shares[1] == pytest.approx(shares[0], abs=0.02 * rate * dt)
+
+
+@pytest.mark.parametrize("kind", ["relative", "absolute"])
+def test_stiffness_is_how_pressure_falls_with_volume(kind: str) -> None:
+    cells = CellTable([Column("target")])
+    cells.add({"name": ["a", "b"], "target": [40.0, 90.0]}, ["", ""])
+    term = VolumeConstraint(kind=kind, M=0.7)
+
+    def forces(volumes: np.ndarray) -> Forces:
+        result = Forces(np.zeros(2), np.zeros((2, 3)), np.zeros(2))
+        term.update(cells, Step(0, 0.0, 0.0, 1.0, 1.0, 0, volumes), result)
+        return result
+
+    volumes, more = np.array([50.0, 60.0]), np.array([0.5, 0.3])
+    change = forces(volumes + more).pressure - forces(volumes).pressure
+    np.testing.assert_allclose(forces(volumes).stiffness, -change / more, rtol=1e-12)
+
+
+def test_terms_that_press_add_up_their_stiffness() -> None:
+    """Two constraints of half the strength are one."""
+    ends = []
+    for terms, M in (([], 8.0), ([VolumeConstraint(kind="relative", M=4.0)], 4.0)):
+        engine = apart(dt=4.0)
+        physics = replace(engine.physics, M=M, terms=[NoDrift(), *terms])
+        engine.set_physics(physics)
+        engine.cells["target"][:] *= 1.2
+        *_, engine = run(engine, 5)
+        ends.append(engine.volumes)
+    np.testing.assert_allclose(*ends, rtol=1e-10)
