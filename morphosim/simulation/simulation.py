@@ -142,6 +142,7 @@ class Simulation(State):
         return {
             "cells": f"{len(self.names)}: {_shown.listed(self.names)}",
             "steps": f"{self.steps} of {self.scene.numerics.step_text}",
+            "S": f"{self.S:.3g}{'' if self.scene.numerics.S is not None else ' (chosen)'}",
             "stage": self.stage,
             "removed": _shown.listed(removed),
             "last event": self.events[-1][1] if self.events else "",
