@@ -56,17 +56,14 @@ def variants() -> dict[str, Numerics]:
     """All that races: by family and name, the former front first."""
     former = {f"former {name}": Numerics(**(COMMON | own)) for name, own in FORMER.items()}
     presets = {f"preset {name}": Numerics.preset(name) for name in PRESETS}
-    return (
-        former
-        | presets
-        | {
-            f"{tolerance:g} nm, h = {h:.3g}": Numerics(
-                tolerance=tolerance, spacing=h, order="fitted", allow_coarse=True
-            )
-            for h, tolerances in TOLERANCES.items()
-            for tolerance in tolerances
-        }
-    )
+    new = {
+        f"{tolerance:g} nm, h = {h:.3g}": Numerics(
+            tolerance=tolerance, spacing=h, order="fitted", allow_coarse=True
+        )
+        for h, tolerances in TOLERANCES.items()
+        for tolerance in tolerances
+    }
+    return former | presets | new
 
 
 @dataclass(frozen=True)
