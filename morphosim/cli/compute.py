@@ -87,7 +87,7 @@ def run(
         ),
     ] = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
-    dt: Annotated[float | None, typer.Option(help="time step; with a tolerance, the first")] = None,
+    dt: Annotated[float | None, typer.Option(help="time step")] = None,
     tolerance: Annotated[
         float | None,
         typer.Option(help="choose steps for this error, nm per 100 units of time, as 5"),

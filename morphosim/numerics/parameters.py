@@ -44,7 +44,7 @@ class Numerics:
     ----------
     dt : float
         Time step δt, *in silico* time. S δt²/τ must be short for the run: see `stability.missed`.
-        With a tolerance that of the first step.
+        With a tolerance it sets the range of steps.
     tolerance : float, optional
         Error in time that steps may make, in nm of a cell's interface per 100 units of *in silico*
         time; of cells that go farther than 1 µm in that time, so many per mille of their way. The
@@ -206,7 +206,7 @@ class Numerics:
         """How long steps are, in words."""
         if self.tolerance is None:
             return f"δt = {self.dt:g}"
-        return f"tolerance {self.tolerance:g} nm, first δt = {self.dt:g}"
+        return f"tolerance {self.tolerance:g} nm, δt from {self.tick:g} to {LONGEST * self.dt:g}"
 
     def ticks_to(self, time: float, what: str = "time") -> int:
         """Number of ticks that reach an *in silico* time.

@@ -148,7 +148,8 @@ def test_steps_follow_from_the_tolerance_or_are_fixed(store: Store) -> None:
     found = facts(controlled)["numerics"]
     assert (found[OWN]["tolerance"], found["reference"]["tolerance"]) == ("2.5", "")
     assert (
-        "scheme linearised · lattice 0.5 µm · tolerance 2.5 nm, first δt = 2" in found[OWN]["text"]
+        "linearised · lattice 0.5 µm · tolerance 2.5 nm, δt from 0.03125 to 32"
+        in found[OWN]["text"]
     )
     assert settings(controlled, TWO).scene(store).numerics == said
     assert settings(controlled, TWO, tolerance="").scene(store).numerics.tolerance is None
