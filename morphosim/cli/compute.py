@@ -348,6 +348,7 @@ def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
             f"t = {simulation.time:g} in {bar.seconds:.1f} s: {speed:.2f} ms per step on "
             f"{threads} (first step, with compilation: {bar.first_step:.1f} s)"
         )
+    lines.append(f"error: {simulation.errors}")
     lines.append(f"saved in {output}")
     if simulation.stopped:
         lines.append(words_of_stop(simulation, output))

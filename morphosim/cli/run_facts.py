@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphosim.engine.accuracy import error_text
 from morphosim.numerics.parameters import PRESETS, Numerics
 from morphosim.progress import duration_text
 from morphosim.runs.directory import RunDirectory
@@ -45,6 +46,10 @@ def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
     if stage:
         yield f"stage: {stage}"
     yield _end(attrs, float(times[-1]), place)
+    if "time_error" in data:  # not in runs of before 0.2
+        last = data.isel(time=-1)
+        parts = (last[name].values for name in ("time_error", "space_error", "face_peak"))
+        yield f"error: {error_text(*(part[np.isfinite(part)] for part in parts))}"
 
 
 def _end(attrs: dict[str, Any], time: float, place: Path) -> str:

@@ -12,7 +12,8 @@ from threadpoolctl import ThreadpoolController
 
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable, Column
-from morphosim.engine import box_pool, step_control
+from morphosim.engine import accuracy, box_pool, step_control
+from morphosim.engine.accuracy import Accuracy
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
@@ -44,6 +45,7 @@ COLUMNS = (
     Column("face_peak", inherits=False),
     *step_control.COLUMNS,
     *box_pool.COLUMNS,
+    *accuracy.COLUMNS,
 )
 """What the engine keeps of each cell, besides what force terms do.
 
@@ -122,6 +124,7 @@ class Engine(CellView):
         self.pool = BoxPool(self.cells, self.dtype, self._limits, memory, self.solver.on_band)
         self._coupling = Coupling(self.dtype, self.workers)
         self._workspace = Workspace(self.workers, self.dtype)
+        self._accuracy = Accuracy(numerics, self.dtype, self.workers)
         self._controller = ThreadpoolController()
         self._changed = self._displaced = True
 
@@ -199,11 +202,15 @@ class Engine(CellView):
             for name, values in kept.items():  # as they were before a try that is given up
                 self.cells[name][:] = values
             state = self._made_ready(ticks)
+            if self.whole:
+                self._accuracy.before(state, self.cells, self.steps, self.time)
             self.whole = False
             ticks = self.solver.advance(state, self._most_of_all)
         self.cells["fresh"][:] = False
         self.ticks += state.ticks
         self.steps += 1
+        length = state.ticks * self.numerics.tick
+        self._accuracy.after(state.schedule, self.pool, self.cells, self.steps, self.time, length)
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
         self.whole = True
@@ -366,6 +373,7 @@ class Engine(CellView):
         n = len(cells)
         self._forces = Forces(np.zeros(n), np.zeros((n, 3)), np.zeros(n))
         self._values = self._cell_terms(tensions)
+        self._accuracy.set_up(physics, tensions, self.explicit_rate, self.confinement)
         self._first, self._later = self._scheme(True), self._scheme(False)
 
     def _cell_terms(self, tensions: NDArray[np.float64]) -> CellTerms:

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
-from morphosim.errors import CellVanishedError, DivergenceError, SimulationError, ToleranceError
+from morphosim.errors import (
+    CellVanishedError,
+    DivergenceError,
+    ResolutionWarning,
+    SimulationError,
+    ToleranceError,
+    warn,
+)
 from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS, PARTS
 from morphosim.progress import Tell, silent
 from morphosim.runs.checkpoint import Checkpoint
@@ -37,6 +44,8 @@ from morphosim.simulation.volumes import VolumeFunctions
 
 LOOK_AT_TARGETS = 32
 """Steps between two looks at whether target volumes that are functions of time need another S."""
+RESOLUTION_CHECK = 256
+"""Steps between two looks at whether the lattice resolves the scene."""
 
 
 @dataclass
@@ -78,6 +87,8 @@ class Simulation(State):
     -----
     StabilityWarning
         Physics and numerics are expected to diverge, or to be late; it says what to change.
+    ResolutionWarning
+        In a run: the lattice turns out to be too coarse for what happens.
 
     Examples
     --------
@@ -100,6 +111,8 @@ class Simulation(State):
     until: float = field(init=False)
     identity: Identity = field(init=False, default_factory=Identity)
     _stages: StageRunner = field(init=False)
+    _coarse: bool = field(init=False, default=False)
+    """Whether it has been told that the lattice is too coarse."""
 
     def __post_init__(self, state: Checkpoint | None) -> None:
         _validate.instance("scene", self.scene, Scene)
@@ -366,6 +379,7 @@ class Simulation(State):
                 observer.start(self)
                 started.append(observer)
             self._advance(watching)
+            self._check_resolution()
         except BaseException as error:
             ended = error
             if isinstance(error, SimulationError):
@@ -387,8 +401,16 @@ class Simulation(State):
                 self._step(self._due(last, observers) - self.ticks)
                 ends = staged and self._stages.after_step(self)
                 tell_step(observers, self, ends)
+                if self.steps % RESOLUTION_CHECK == 0:
+                    self._check_resolution()
                 check_interrupt()
         self._tell(f"stop: {self.stopped}")
+
+    def _check_resolution(self) -> None:
+        """Warn, once, if the lattice has turned out to be too coarse."""
+        if not self._coarse and (why := self.errors.too_coarse(self.spacing)):
+            self._coarse = True
+            warn(why, ResolutionWarning)
 
     def _is_stopped(self) -> bool:
         """Whether somebody has asked the run to end."""
