@@ -58,6 +58,7 @@ from _scenes import embryo
 
 from morphosim import Numerics, Simulation
 from morphosim.numerics.parameters import PRESETS
+from morphosim.scene.stability import chosen_S
 
 WANTED = ("standard", "fast", "draft")
 GRID = (60.0, 40.0, 30.0)
@@ -112,7 +113,7 @@ def peer(name: str, precision: str, solver: FullGrid | PyPde) -> Contestant:
 def full_grid(start: Problem, precision: str, threads: int, **changes: float) -> FullGrid:
     """The published scheme with the numerics of `standard`."""
     numerics = start.scene.numerics
-    steps = {"dt": numerics.dt, "S": numerics.S} | changes
+    steps = {"dt": numerics.dt, "S": chosen_S(start.scene)} | changes
     return FullGrid(start, PRECISIONS[precision], threads, **steps)
 
 

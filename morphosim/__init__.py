@@ -30,6 +30,7 @@ _EXPORTS = {
     "open_run": "accessor",
     "CellVanishedError": "errors",
     "DivergenceError": "errors",
+    "ResolutionWarning": "errors",
     "SaveError": "errors",
     "export": "exports.export",
     "BoxWalls": "geometry.confinement",
@@ -98,7 +99,7 @@ _EXPORTS = {
 if TYPE_CHECKING:
     from morphosim.accessor import open_run
     from morphosim.cell_table import CellTable, Column
-    from morphosim.errors import CellVanishedError, DivergenceError, SaveError
+    from morphosim.errors import CellVanishedError, DivergenceError, ResolutionWarning, SaveError
     from morphosim.exports.export import export
     from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
     from morphosim.geometry.shapes import Ellipsoid, Field, Mask, Sphere
@@ -187,6 +188,7 @@ __all__ = [
     "QuasiSteady",
     "Range",
     "Removal",
+    "ResolutionWarning",
     "RootObserver",
     "RunWriter",
     "SaveError",

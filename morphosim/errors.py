@@ -44,6 +44,10 @@ class DamageWarning(UserWarning):
     """A file of a run is damaged, or of another run, and is left out."""
 
 
+class ResolutionWarning(UserWarning):
+    """The lattice is too coarse for what has happened; the message says what to take."""
+
+
 def warn(message: str, category: type[Warning] = UserWarning) -> None:
     """Warn of what the user's line has called for, however deep in the package it shows.
 

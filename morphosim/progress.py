@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -17,6 +18,8 @@ TellWhat = Callable[[str, int, int], None]
 """Told what is done, how much of it is done, and of how much."""
 FIRST, LONGEST = 10.0, 600.0
 """Seconds before the first line, and most between two."""
+GRAIN = 0.05
+"""Of the time so far, between two marks by which the time left is told."""
 
 
 def silent(*told: object) -> None:
@@ -59,6 +62,34 @@ class Pace:
         self._wait = min(2 * self._wait, LONGEST)
         self._next = now + self._wait
         return True
+
+
+class Remaining:
+    """Time left, by the pace of the latter half of the time so far: steps may grow.
+
+    Parameters
+    ----------
+    done : float
+        What is done when counting begins.
+    """
+
+    def __init__(self, done: float) -> None:
+        self._marks = deque([(0.0, done)])
+        self._now = 0.0, done
+
+    def note(self, seconds: float, done: float) -> None:
+        """Say how much is done so many seconds after the beginning."""
+        marks = self._marks
+        if seconds - marks[-1][0] > GRAIN * seconds:
+            marks.append((seconds, done))
+        while len(marks) > 1 and marks[1][0] <= seconds / 2:
+            marks.popleft()
+        self._now = seconds, done
+
+    def seconds(self, total: float) -> float | None:
+        """Seconds until `total` is done; None before anything is."""
+        (since, done), (now, reached) = self._marks[0], self._now
+        return (now - since) / (reached - done) * (total - reached) if reached > done else None
 
 
 class Bar:

@@ -40,10 +40,10 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
 def test_an_interruption_saves_and_says_so(call, monkeypatch: pytest.MonkeyPatch) -> None:
     step = Simulation._step
 
-    def interrupted(self: Simulation) -> None:
+    def interrupted(self: Simulation, most: int) -> None:
         if self.time >= 6:
             raise KeyboardInterrupt
-        step(self)
+        step(self, most)
 
     monkeypatch.setattr(Simulation, "_step", interrupted)
     code, out, err = call("run", "one.toml", "-o", "run")

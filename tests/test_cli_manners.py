@@ -154,6 +154,19 @@ def test_lines_of_a_run_with_stages_tell_the_stage(often: None, call: Call) -> N
     assert err.count("saved t = 8 in run") == 1
 
 
+def test_the_time_left_follows_steps_that_grow() -> None:
+    from morphosim import progress
+
+    left = progress.Remaining(10.0)
+    assert left.seconds(100.0) is None
+    left.note(1.0, 12.0)
+    assert left.seconds(100.0) == pytest.approx(44)
+    for second in range(2, 100):  # ten times as fast from now on
+        left.note(float(second), 12.0 + 20 * (second - 1))
+    assert left.seconds(2972.0) == pytest.approx(50)
+    assert len(left._marks) < 20
+
+
 def test_lines_become_rarer(monkeypatch: pytest.MonkeyPatch) -> None:
     from morphosim import progress
 
@@ -355,11 +368,11 @@ def test_a_dry_run_tells_what_would_run_and_writes_nothing(folder: Path, call: C
     assert not Path("run").exists()
     assert told["cells"] == "1"
     assert "gamma 0.3" in told["physics"]
-    assert told["numerics"] == "standard, with dt 1"
+    assert told["numerics"] == "standard, with dt 1; S = 2.33 (chosen)"
     assert told["steps"] == "8 of dt = 1, from t = 0 to 8"
     assert told["stage 2"] == "two: Division; until Duration (time 4)"
     assert told["saves"] == "about 5, every 4"
-    assert "needed" in told["stability"]
+    assert told["stability"].startswith("S = 2.33 is chosen, ")
     assert "MB" in told["memory"]
     assert "kB" in told["disk"]
 
@@ -405,7 +418,7 @@ def test_info_of_a_run_with_stages(call: Call) -> None:
     out = call("info", "run")[1]
     assert "MorphoSim run of two" in out
     assert "physics: tau 2.62, gamma 0.25" in out
-    assert "numerics: draft\n" in out
+    assert "numerics: draft; S = 5.61 (chosen)\n" in out
     assert "stage: two\n" in out
     assert "; written from " in out
     assert "\nfinished\n" in out
@@ -423,10 +436,10 @@ def test_info_of_a_run_that_started_from_another(call: Call) -> None:
 def test_info_advises_to_resume_only_what_can(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     step = morphosim.Simulation._step
 
-    def interrupted(self: morphosim.Simulation) -> None:
+    def interrupted(self: morphosim.Simulation, most: int) -> None:
         if self.time >= 4:
             raise KeyboardInterrupt
-        step(self)
+        step(self, most)
 
     monkeypatch.setattr(morphosim.Simulation, "_step", interrupted)
     assert call("run", "one.toml", "-o", "run")[0] == 130

@@ -61,7 +61,7 @@ def scene(**options: Any) -> Scene:
     cell = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=3))
     physics = Physics(**options.pop("physics", {}))
     given = {"cells": [cell], "duration": 20.0, "save_every": 4.0} | options
-    return Scene(**given, numerics=Numerics(threads=1), physics=physics)
+    return Scene(**given, numerics=Numerics(S=6.0, threads=1), physics=physics)
 
 
 class Watcher:
@@ -223,7 +223,11 @@ def test_a_variable_that_fails_at_the_end_does_not_lose_the_last_state(tmp_path:
 
 
 @pytest.mark.parametrize(
-    "settings", [["physics.M=200"], ["numerics.preset=standard", "numerics.S=0", "numerics.dt=8"]]
+    "settings",
+    [
+        ["physics.M=200", "numerics.S=6"],
+        ["numerics.preset=standard", "numerics.S=0", "numerics.dt=8"],
+    ],
 )
 @EXPECTED_TO_FAIL
 def test_a_run_that_diverges_says_so_and_keeps_its_last_finite_state(

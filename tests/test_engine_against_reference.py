@@ -163,7 +163,7 @@ def full_grid_model(
     axes = [np.arange(a, a + n) * H for a, n in zip(low, shape, strict=True)]
     points = np.meshgrid(*axes, indexing="ij", sparse=True)
     form = physics.volume_constraint
-    exact = numerics.laplacian == "exact" and numerics.scheme != "euler"
+    exact = numerics.laplacian == "exact" and numerics.active_solver == "dct"
     return fg.Model(
         h=H, gamma=case.gamma, g=physics.g, g_e=physics.g_e, kappa=physics.kappa,
         M=physics.volume_strength, volume_constraint=None if form == "none" else form,

@@ -59,6 +59,7 @@ def scene(*cells: Cell, **options: Any) -> Scene:
 # --- numbers and choices -----------------------------------------------------------------------
 
 POSITIVE = {Physics: ["tau", "gamma", "c"], Numerics: ["dt", "spacing", "box_tolerance"]}
+MAY_BE_NONE = ("M", "S", "start_S")
 NOT_NEGATIVE = {Physics: ["M", "g", "g_e", "kappa", "sigma"], Numerics: ["S", "start_S"]}
 WHOLE = ["threads", "seed"]
 CHOICES = {
@@ -99,7 +100,7 @@ def test_a_parameter_must_be_a_number(cls: type, name: str, value: Any) -> None:
     fails(lambda: cls(**{name: value}), label(cls, name), repr(value), "not a number")
 
 
-@pytest.mark.parametrize(("cls", "name"), [p for p in NUMBERS if p[1] not in ("M", "start_S")])
+@pytest.mark.parametrize(("cls", "name"), [p for p in NUMBERS if p[1] not in MAY_BE_NONE])
 def test_a_parameter_must_not_be_none(cls: type, name: str) -> None:
     fails(lambda: cls(**{name: None}), label(cls, name), "None", "not a number")
 

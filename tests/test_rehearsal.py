@@ -264,5 +264,6 @@ def test_what_an_event_brings_is_checked_for_stability() -> None:
     told = stability.concerns(scene(stage(events=[soft]), physics=Physics(sigma=0.5)))
     assert any("surface tension 0.01" in text for text in told)
     strong = scene(stage(events=[PhysicsChange(values={"M": 200.0})]), physics=Physics())
+    strong = strong.with_numerics(S=6.0)
     assert any("numerics.S" in text for text in stability.concerns(strong))
     assert not stability.concerns(scene(stage()))

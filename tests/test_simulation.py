@@ -34,7 +34,7 @@ def ball(name: str = "a", x: float = 0.0, radius: float = 3.0, **options: Any) -
 
 def start(*cells: Cell, physics: dict | None = None, **options: Any) -> Simulation:
     """Simulation of some cells, one ball by default, with δt = 2."""
-    model, numerics = Physics(**(physics or {})), Numerics(threads=1)
+    model, numerics = Physics(**(physics or {})), Numerics(S=6.0, threads=1)
     scene = Scene(cells=cells or [ball()], physics=model, numerics=numerics, **options)
     return Simulation(scene)
 

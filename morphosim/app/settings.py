@@ -19,10 +19,9 @@ from morphosim.app.changes import (
 from morphosim.app.source import Source
 from morphosim.app.store import Store
 from morphosim.numerics.parameters import OWN_SOLVERS, PRESETS, WALLS, Numerics
-from morphosim.physics.confinement_repulsion import is_resolved
 from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.scene import Scene
-from morphosim.scene.stability import stabilised
+from morphosim.scene.stability import chosen_S
 
 OWN = "as the scene says"
 """The preset that changes nothing."""
@@ -85,20 +84,7 @@ class Settings:
             save_every=_validate.parsed_number("saving interval", self.save_every, above=0),
             name=self.name,
         )
-        if not self.shell:
-            return without_shell(scene)
-        changed = scene.numerics != original.numerics
-        return stabilised(scene) if self._leaves_S(changed) else scene
-
-    def _leaves_S(self, changed: bool) -> bool:
-        """Whether S is for the walls to say: not where the form does, or a scene alone.
-
-        Parameters
-        ----------
-        changed : whether the numerics are not what the source says
-        """
-        chosen = self.preset != OWN or (changed and self.source.is_imported)
-        return chosen and _is_empty(self.S)
+        return scene if self.shell else without_shell(scene)
 
     def _with_cells(self, scene: Scene) -> Scene:
         """Scene with the names, types, target volumes and tensions of the form."""
@@ -161,7 +147,7 @@ def preset_of(numerics: Numerics) -> str:
 
 def with_preset(scene: Scene, preset: str) -> Scene:
     """Scene with a preset as the form would give it."""
-    return stabilised(replace(scene, numerics=preset_numerics(preset, scene.numerics)))
+    return replace(scene, numerics=preset_numerics(preset, scene.numerics))
 
 
 def facts(scene: Scene, rough: bool = False) -> dict[str, Any]:
@@ -198,21 +184,24 @@ def _numerics_facts(scene: Scene, preset: str) -> dict[str, str]:
     """What a preset means for a scene; `text` in one line."""
     numerics = preset_numerics(preset, scene.numerics)
     solver = "" if numerics.scheme in OWN_SOLVERS else f"solver {numerics.solver}"
-    walls = scene.confinement
-    needed = ""
-    if preset != OWN and walls is not None and numerics.walls == "resolved":
-        needed = "" if is_resolved(walls, numerics) else "at least "
     tolerance = "" if numerics.tolerance is None else exact(numerics.tolerance)
     found = {
-        "dt": exact(numerics.dt), "tolerance": tolerance, "S": needed + exact(numerics.S),
+        "dt": exact(numerics.dt), "tolerance": tolerance, "S": S_text(scene, numerics),
         "walls": numerics.walls,
     }  # fmt: skip
     parts = [
         f"scheme {numerics.scheme}", solver, f"lattice {numerics.spacing:.3g} µm",
-        numerics.step_text, f"S = {found['S']}{', as the walls need' if needed else ''}",
+        numerics.step_text, f"S = {found['S']}",
         f"{numerics.walls} walls",
     ]  # fmt: skip
     return found | {"text": " · ".join(part for part in parts if part)}
+
+
+def S_text(scene: Scene, numerics: Numerics) -> str:
+    """S that a scene has with these numerics."""
+    if numerics.S is not None:
+        return exact(numerics.S)
+    return f"{chosen_S(replace(scene, numerics=numerics)):.2g} (chosen)"
 
 
 def exact(value: float) -> str:

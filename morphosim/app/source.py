@@ -69,11 +69,6 @@ class Source:
     background: str = ""
 
     @property
-    def is_imported(self) -> bool:
-        """Whether a reader has chosen the numerics, and no scene says them."""
-        return self.kind in ("matlab", "labels")
-
-    @property
     def settles(self) -> bool:
         """Whether cells are run to find the target volumes: a look needs not wait for it."""
         return self.kind == "labels" and self.volumes == "surface"

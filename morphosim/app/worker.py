@@ -21,6 +21,7 @@ from morphosim.app.processes import STOP, Channel, Stopped
 from morphosim.app.settings import Settings, preset_of, with_preset
 from morphosim.app.store import ARRAYS, Store
 from morphosim.cell_field import CellField
+from morphosim.progress import Remaining
 from morphosim.runs.writer import RunWriter
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import Scene
@@ -140,7 +141,7 @@ class Watcher:
         self._channel.tell("began", {"until": self._until})
         self._channel.tell("load", opening(self._directory, TRIANGLES, [simulation.time]))
         self._shown = simulation.ticks
-        self._clock = Clock(simulation.time)
+        self._clock = Clock()
         self._begun = self._told = self._pictured = time.perf_counter()
         self._cost = 0.0
 
@@ -173,7 +174,7 @@ class Watcher:
         self._channel.tell("paused")
         while (command := self._channel.wait()) not in (GO_ON, STOP):
             pass
-        self._clock = Clock(simulation.time)
+        self._clock = Clock()
         if command == GO_ON:
             self._channel.tell("went on")
         return command
@@ -198,8 +199,7 @@ class Watcher:
             share = simulation.stages_ended / len(simulation.scene.stages)
         elif self._until > 0:
             share = simulation.time / self._until
-            if self._clock.steps:
-                left = (self._until - simulation.time) * self._clock.per_time
+            left = self._clock.left(self._until)
         return {
             "time": simulation.time,
             "share": share,
@@ -213,19 +213,20 @@ class Watcher:
 class Clock:
     """Wall time of steps; the first, which may hold compilation, does not count."""
 
-    def __init__(self, begin: float) -> None:
-        self._begin, self.steps = begin, 0
-        self._seconds = self._lapse = 0.0
+    def __init__(self) -> None:
+        self.steps, self._seconds = 0, 0.0
         self._first: float | None = None
+        self._remaining: Remaining | None = None
 
     def step(self, at: float) -> float:
         """Count a step that has led to *in silico* time `at`; return the wall time (s)."""
         now = time.perf_counter()
-        if self._first is None:
-            self._first, self._begin = now, at
+        if self._first is None or self._remaining is None:
+            self._first, self._remaining = now, Remaining(at)
         else:
             self.steps += 1
-            self._seconds, self._lapse = now - self._first, at - self._begin
+            self._seconds = now - self._first
+            self._remaining.note(self._seconds, at)
         return now
 
     @property
@@ -233,10 +234,9 @@ class Clock:
         """Speed so far; None before the second step."""
         return self.steps / self._seconds if self._seconds else None
 
-    @property
-    def per_time(self) -> float:
-        """Seconds per *in silico* time; 0 before the second step."""
-        return self._seconds / self._lapse if self._lapse > 0 else 0.0
+    def left(self, until: float) -> float | None:
+        """Seconds until an *in silico* time is reached; None before the second step."""
+        return None if self._remaining is None else self._remaining.seconds(until)
 
 
 def opening(

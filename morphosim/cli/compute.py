@@ -87,7 +87,7 @@ def run(
         ),
     ] = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
-    dt: Annotated[float | None, typer.Option(help="time step; with a tolerance, the first")] = None,
+    dt: Annotated[float | None, typer.Option(help="time step")] = None,
     tolerance: Annotated[
         float | None,
         typer.Option(help="choose steps for this error, nm per 100 units of time, as 5"),
@@ -348,6 +348,7 @@ def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
             f"t = {simulation.time:g} in {bar.seconds:.1f} s: {speed:.2f} ms per step on "
             f"{threads} (first step, with compilation: {bar.first_step:.1f} s)"
         )
+    lines.append(f"error: {simulation.errors}")
     lines.append(f"saved in {output}")
     if simulation.stopped:
         lines.append(words_of_stop(simulation, output))

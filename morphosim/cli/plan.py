@@ -34,21 +34,24 @@ def _scene(simulation: Simulation) -> Iterator[tuple[str, str]]:
     yield "physics", listing(physics_in_file(simulation.physics))
     walls = "none" if scene.confinement is None else type(scene.confinement).__name__
     yield "confinement", walls
-    yield "numerics", preset_text(numerics_table(scene.numerics))
+    S = simulation.engine.S
+    yield "numerics", preset_text(numerics_table(scene.numerics), S)
     yield "threads", str(simulation.threads)
-    yield "stability", _stability(scene)
+    yield "stability", _stability(scene, S)
 
 
-def _stability(scene: Scene) -> str:
-    """What is expected of the scheme, and what may go wrong."""
+def _stability(scene: Scene, S: float) -> str:
+    """What is expected of the scheme with this S, and what may go wrong."""
     numerics = scene.numerics
     if numerics.scheme == "euler":
         limit = f"dt = {numerics.dt:g}, at most {stability.largest_euler_step(scene):.3g}"
         expected = "is expected to be stable"
     else:
-        limit = f"S = {numerics.S:g}, at least {stability.least_S(scene):.3g}"
+        limit = f"S = {S:.3g}, at least {stability.least_S(scene):.3g}"
         expected = "is expected to be needed"
-    return "; ".join([f"{limit} {expected}", *stability.concerns(scene)])
+        if numerics.S is None:
+            limit, expected = f"S = {S:.3g}", "is chosen, and anew when physics or cells change"
+    return "; ".join([f"{limit} {expected}", *stability.concerns(scene, S)])
 
 
 def _course(simulation: Simulation) -> Iterator[tuple[str, str]]:

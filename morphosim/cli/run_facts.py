@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from morphosim.engine.accuracy import error_text
 from morphosim.numerics.parameters import PRESETS, Numerics
 from morphosim.progress import duration_text
 from morphosim.runs.directory import RunDirectory
@@ -37,7 +38,7 @@ def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
     if "physics" in attrs:
         yield f"physics: {listing(json.loads(attrs['physics']))}"
     if "numerics" in attrs:
-        yield f"numerics: {preset_text(json.loads(attrs['numerics']))}"
+        yield f"numerics: {preset_text(json.loads(attrs['numerics']), attrs.get('S'))}"
     if "from_run" in attrs:
         yield f"started from {attrs['from_run']} at its t = {attrs['from_time']:g}"
     yield f"{len(times)} saves, t = {times[0]:g} to {times[-1]:g}{_written(place)}"
@@ -45,6 +46,10 @@ def _head(data: "xr.Dataset", place: Path) -> Iterator[str]:
     if stage:
         yield f"stage: {stage}"
     yield _end(attrs, float(times[-1]), place)
+    if "time_error" in data:  # not in runs of before 0.2
+        last = data.isel(time=-1)
+        parts = (last[name].values for name in ("time_error", "space_error", "face_peak"))
+        yield f"error: {error_text(*(part[np.isfinite(part)] for part in parts))}"
 
 
 def _end(attrs: dict[str, Any], time: float, place: Path) -> str:
@@ -78,20 +83,24 @@ def listing(table: dict[str, Any]) -> str:
             value = f"({listing(value)})"
         elif isinstance(value, float):
             value = f"{value:g}"
+        elif value is None:
+            value = "none"
         words.append(f"{key} {value}")
     return ", ".join(words)
 
 
-def preset_text(numerics: dict[str, Any]) -> str:
-    """The preset that numerics are nearest to, and how they differ from it."""
-    said = {key: value for key, value in numerics.items() if key not in ANY_PRESET}
+def preset_text(numerics: dict[str, Any], S: float | None = None) -> str:
+    """The preset that numerics are nearest to, how they differ from it, and the S chosen."""
+    known = {f.name: None for f in fields(Numerics) if f.default is None}  # tables leave it out
+    said = {key: v for key, v in (known | numerics).items() if key not in ANY_PRESET}
     found = []
     for name in PRESETS:
         preset = asdict(Numerics.preset(name))
         other = {key: value for key, value in said.items() if preset.get(key) != value}
         found.append((name, other))
     name, other = min(found, key=lambda pair: len(pair[1]))
-    return f"{name}, with {listing(other)}" if other else name
+    chosen = f"; S = {S:.3g} (chosen)" if S is not None and said["S"] is None else ""
+    return (f"{name}, with {listing(other)}" if other else name) + chosen
 
 
 def _cells(data: "xr.Dataset") -> Iterator[str]:

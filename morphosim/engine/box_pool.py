@@ -334,6 +334,8 @@ class BoxPool:
             for values, pool in zip(saved, pools, strict=True)
         ]
         self.lost[i] += lost[0] + self.survey(i)
+        if self._extrapolates:
+            self.cells["ahead"][i] = self.box(i, self.history).sum(dtype=float)
 
     def _take(self, rows: Integers) -> None:
         """Give boxes of the shapes in the table their stretches of the pools."""

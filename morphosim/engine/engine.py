@@ -12,7 +12,8 @@ from threadpoolctl import ThreadpoolController
 
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable, Column
-from morphosim.engine import box_pool, step_control
+from morphosim.engine import accuracy, box_pool, step_control
+from morphosim.engine.accuracy import Accuracy
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
@@ -44,6 +45,7 @@ COLUMNS = (
     Column("face_peak", inherits=False),
     *step_control.COLUMNS,
     *box_pool.COLUMNS,
+    *accuracy.COLUMNS,
 )
 """What the engine keeps of each cell, besides what force terms do.
 
@@ -67,14 +69,13 @@ class Engine(CellView):
     ----------
     physics, numerics, confinement
         See `Scene`.
-    explicit_rate : float
-        See below.
 
     Attributes
     ----------
     explicit_rate : float
         Rate of what a step takes explicitly, with a margin; where `numerics.S` is None, S follows
-        from it (`schemes.stabilisation`). Set it before `set_physics`, `restore` or `restart`.
+        from it (`schemes.stabilisation`). Set it before `set_physics` and `restore`, else by
+        `stabilise`.
     cells : CellTable
         The N cells. Set values of columns in place; say `change` if others than `target` change.
     pool : BoxPool
@@ -104,11 +105,10 @@ class Engine(CellView):
     _later: Scheme
 
     def __init__(
-        self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        explicit_rate: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, physics: Physics, numerics: Numerics, confinement: Confinement | None
+    ) -> None:
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
-        self.explicit_rate = explicit_rate
+        self.explicit_rate = 0.0
         self.dtype = np.dtype(DTYPES[numerics.precision])
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
@@ -122,9 +122,9 @@ class Engine(CellView):
         self.solver = make_solver(numerics, self.dtype, self.workers)
         memory = MEMORIES.get(numerics.scheme, "none")
         self.pool = BoxPool(self.cells, self.dtype, self._limits, memory, self.solver.on_band)
-        self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype)
         self._coupling = Coupling(self.dtype, self.workers)
         self._workspace = Workspace(self.workers, self.dtype)
+        self._accuracy = Accuracy(numerics, self.dtype, self.workers)
         self._controller = ThreadpoolController()
         self._changed = self._displaced = True
 
@@ -202,11 +202,15 @@ class Engine(CellView):
             for name, values in kept.items():  # as they were before a try that is given up
                 self.cells[name][:] = values
             state = self._made_ready(ticks)
+            if self.whole:
+                self._accuracy.before(state, self.cells, self.steps, self.time)
             self.whole = False
             ticks = self.solver.advance(state, self._most_of_all)
         self.cells["fresh"][:] = False
         self.ticks += state.ticks
         self.steps += 1
+        length = state.ticks * self.numerics.tick
+        self._accuracy.after(state.schedule, self.pool, self.cells, self.steps, self.time, length)
         np.maximum(self.face_peak, self.pool.surveys[:, EDGE], out=self.face_peak)
         self._refit()
         self.whole = True
@@ -321,6 +325,18 @@ class Engine(CellView):
                 term.start(self.cells, self.numerics)
         self.restart()
 
+    def stabilise(self, rate: float) -> None:
+        """Set another `explicit_rate`; cells keep their history.
+
+        In Eq. 9 the history has S φⁿ⁻¹, of which what is added now is taken to be φⁿ.
+        """
+        before = self.S
+        self.explicit_rate = rate
+        if self.pool.history is not None and self.numerics.scheme == "bdf2":
+            for i in np.flatnonzero(~self.cells["fresh"]).tolist():
+                self.pool.box(i, self.pool.history)[:] -= (self.S - before) * self.pool.box(i)
+        self.change()
+
     def change(self) -> None:
         """Say that cells, types, tensions or parameters have changed; cells keep their history."""
         self._changed = True
@@ -350,11 +366,14 @@ class Engine(CellView):
             term.prepare(cells, numerics)
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
+        scale = physics.interface_scale
+        self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype, scale)
         tensions = physics.surface_tension.tensions(cells)
         self.solver.set_up(physics, tensions, np.unique(all_tensions), self.explicit_rate)
         n = len(cells)
         self._forces = Forces(np.zeros(n), np.zeros((n, 3)), np.zeros(n))
         self._values = self._cell_terms(tensions)
+        self._accuracy.set_up(physics, tensions, self.explicit_rate, self.confinement)
         self._first, self._later = self._scheme(True), self._scheme(False)
 
     def _cell_terms(self, tensions: NDArray[np.float64]) -> CellTerms:

@@ -31,13 +31,17 @@ SAFETY = 0.9
 MOST_EXCESS = 2.0
 """A step whose error is this many times the tolerance is tried again, shorter."""
 GROWTH, STEADY = 1.4, 1.1
-"""Most by which a step is longer than the last, and least: below, it stays as it was."""
+"""Most by which a step is planned longer than the last was, and least: below, it stays."""
+MOST_RATIO = 2.0
+"""Most by which a step is longer than the last, where that was shorter than planned to meet an end:
+two steps in place of three, or one of two, could not come by `GROWTH` alone."""
 LEAST_SHARE, MOST_SHARE = 0.2, 0.7
 """Bounds of a step that is tried again, in the length before."""
 FARTHEST = 0.5
 """Farthest that interfaces should move in a step, in lattice spacings: the band follows by one."""
-FIRST = PARTS // 4
-"""Ticks of the first step, and of one that some cells begin without history."""
+FIRST, FIRST_TOLERANCE = PARTS // 4, 20.0
+"""Ticks of the first step, and of one that some cells begin without history, from this tolerance
+on, nm. It is of first order, and tells no error: with the tolerance it falls as its square does."""
 PATIENCE = 100
 """Steps of one tick that may miss the tolerance, one after the other, before the run ends."""
 
@@ -73,6 +77,8 @@ class StepControl:
 
     Attributes
     ----------
+    first : int
+        Most ticks of a step that some cells begin without history.
     planned : int
         Length of the next step.
     missed : int
@@ -81,8 +87,10 @@ class StepControl:
 
     def __init__(self, numerics: Numerics) -> None:
         self._tick, self._spacing = numerics.tick, numerics.spacing
-        self._allowed = (numerics.tolerance or 0.0) * NANOMETRES
-        self.planned, self.missed = FIRST, 0
+        tolerance = numerics.tolerance or 0.0
+        self._allowed = tolerance * NANOMETRES
+        self.first = max(int(FIRST * min(tolerance / FIRST_TOLERANCE, 1.0) ** 0.5), 1)
+        self.planned, self.missed = self.first, 0
 
     def fit(self, most: int, fresh: bool) -> int:
         """Length of the next step, of which equal ones meet the last of `most` ticks.
@@ -90,7 +98,7 @@ class StepControl:
         `fresh` tells whether some cell begins without history.
         """
         if fresh:
-            self.planned = min(self.planned, FIRST)
+            self.planned = min(self.planned, self.first)
         return -(-most // -(-most // self.planned))
 
     def judge(self, changes: Floats, ticks: int, before: int, damped: float, cells: CellTable,
@@ -130,10 +138,11 @@ class StepControl:
         return self.planned
 
     def plan(self, ticks: int, excess: float, reach: float) -> None:
-        """Plan the step after one of so many ticks that is taken."""
+        """Plan the step after one of so many ticks, at most `planned`, that is taken."""
         self.missed = self.missed + 1 if excess > MOST_EXCESS else 0
         tiny = np.finfo(float).tiny
-        share = min(SAFETY * max(excess, tiny) ** -0.5, FARTHEST / max(reach, tiny), GROWTH)
+        longest = min(GROWTH * max(self.planned / ticks, 1.0), MOST_RATIO)
+        share = min(SAFETY * max(excess, tiny) ** -0.5, FARTHEST / max(reach, tiny), longest)
         if 1 <= share < STEADY:
             share = 1.0
         wanted = int(np.ceil(ticks * share)) if share > 1 else int(ticks * share)

@@ -45,8 +45,6 @@ class DistributedEngine(GatheredView):
     comm : communicator of all ranks
     physics, numerics, confinement
         See `Scene`.
-    explicit_rate : float
-        See `Engine`.
 
     Attributes
     ----------
@@ -63,14 +61,11 @@ class DistributedEngine(GatheredView):
     """
 
     def __init__(
-        self, comm: "Comm", physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        explicit_rate: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, comm: "Comm", physics: Physics, numerics: Numerics, confinement: Confinement | None
+    ) -> None:
         everyone = CellTable(_shared(physics))
         own = replace(numerics, threads=numerics.threads or threads_per_rank(comm))
-        local = LocalEngine(
-            physics, own, confinement, explicit_rate, everyone, comm, self._share_fields
-        )
+        local = LocalEngine(physics, own, confinement, everyone, comm, self._share_fields)
         super().__init__(comm, local, everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
@@ -250,6 +245,11 @@ class DistributedEngine(GatheredView):
         self.everyone.require(_shared(physics))
         agreed(self.comm, lambda: self.local.set_physics(physics))
         self.restart()
+
+    def stabilise(self, rate: float) -> None:
+        """See `Engine`."""
+        self.local.stabilise(rate)
+        self.change()
 
     def restart(self, rows: ArrayLike | None = None) -> None:
         """See `Engine`."""

@@ -51,9 +51,9 @@ class DistributedSimulation(Simulation):
         """Engine of which this rank has a share; it has all that a simulation asks for."""
         scene = self.scene
         agreed(world(), lambda: None)  # a rank that cannot get here tells the others by this
-        rate = stability.explicit_rate(scene)
-        engine = DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement, rate)
-        return cast(Engine, engine)
+        return cast(
+            Engine, DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement)
+        )
 
     def _start(self) -> None:
         """Begin with the cells of the scene, of which each rank makes some."""
@@ -65,6 +65,7 @@ class DistributedSimulation(Simulation):
         )
         engine = cast(DistributedEngine, self.engine)
         engine.start(cell_columns(cells), self.scene.types, rows, fields)
+        engine.explicit_rate = stability.start_rate(self.scene)
         self._used = used_names(engine.everyone)
 
     def _take_over(self, state: Checkpoint) -> None:

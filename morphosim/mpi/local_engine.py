@@ -32,8 +32,6 @@ class LocalEngine(Engine):
     ----------
     physics, numerics, confinement
         See `Scene`.
-    explicit_rate : float
-        See `Engine`.
     everyone : CellTable
         All cells of the simulation; its columns are those that every rank knows.
 
@@ -49,10 +47,10 @@ class LocalEngine(Engine):
 
     def __init__(
         self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        explicit_rate: float, everyone: CellTable, comm: "Comm",
+        everyone: CellTable, comm: "Comm",
         share_fields: Callable[[], None],
     ) -> None:  # fmt: skip
-        super().__init__(physics, numerics, confinement, explicit_rate)
+        super().__init__(physics, numerics, confinement)
         self._comm, self._share = comm, share_fields
         self._everyone = everyone
         self.rows, self.own = np.zeros(0, np.int64), np.zeros(0, bool)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
+from morphosim.numerics.stencils import stencil_weights
 
 CONVERGENCE = 0.6
 """Least reduction of every error by the iterations of a step."""
@@ -11,9 +11,9 @@ MORE_WITHOUT_HISTORY = 2
 """Iterations in addition, where there is no history to start from."""
 
 
-def largest_eigenvalue(order: int, spacing: float) -> float:
+def largest_eigenvalue(order: int | str, spacing: float, interface_scale: float = 1.0) -> float:
     """Largest eigenvalue of -Δ by the stencil of this order, in three dimensions."""
-    weights = LAPLACIAN_COEFFICIENTS[order]
+    _, weights = stencil_weights(order, spacing * interface_scale)
     alternating = sum(w * (-1) ** m for m, w in enumerate(weights[1:], 1))
     return float(-3 * (weights[0] + 2 * alternating) / spacing**2)
 

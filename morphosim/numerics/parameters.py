@@ -15,6 +15,8 @@ OWN_SOLVERS = {"euler": "band", "linearised": "linearised"}
 """Solvers of the schemes that leave no choice."""
 PRECISIONS = ("single", "double")
 TRANSFORMS = ("matrix", "pyfftw", "scipy")
+FITTED = "fitted"
+ORDERS = (2, 4, 6, FITTED)
 LAPLACIANS = ("exact", "stencil")
 WALLS = ("resolved", "stepped")
 MOST_SWEEPS, LARGEST_SEED = 1000, 2**64 - 1
@@ -42,14 +44,15 @@ class Numerics:
     ----------
     dt : float
         Time step δt, *in silico* time. S δt²/τ must be short for the run: see `stability.missed`.
-        With a tolerance that of the first step.
+        With a tolerance it sets the range of steps.
     tolerance : float, optional
         Error in time that steps may make, in nm of a cell's interface per 100 units of *in silico*
         time; of cells that go farther than 1 µm in that time, so many per mille of their way. The
         steps' lengths follow from it, from δt/64 to 16 δt. By default all steps are δt.
-    S : float
+    S : float, optional
         Stabilisation (Eq. 8, 9); 0 is the plain semi-implicit scheme of Eq. 6. Not used by
-        "euler". See `stability.least_S`: walls that are not resolved need 12 to 16 at δt = 2.
+        "euler". By default it is chosen for the scene: what `stability.least_S` asks for, with a
+        margin. More makes what moves late, see `stability.lag`.
     scheme : {"bdf2", "imex1", "euler", "linearised"}
         Second order (Eq. 9, first step by Eq. 8), first order (Eq. 8), explicit Euler, or second
         order with the forces' own derivative implicit at each point, for long steps. A tolerance
@@ -67,8 +70,9 @@ class Numerics:
         not converge (see `numerics.chebyshev`).
     spacing : float
         Lattice spacing in µm.
-    order : {2, 4, 6}
-        Order of the gradient stencil.
+    order : {2, 4, 6, "fitted"}
+        Order of the gradient stencil, and of the band's Laplacian; or three points like those of
+        order 6, with weights that fit the interface better (see `numerics.stencils`).
     laplacian : {"exact", "stencil"}
         Symbol of the "dct" solver's Laplacian: -k², or that of the second-difference stencil of
         `order`, which the band always has.
@@ -99,13 +103,13 @@ class Numerics:
 
     dt: float = 2.0
     tolerance: float | None = None
-    S: float = 6.0
+    S: float | None = None
     scheme: str = "bdf2"
     start_S: float | None = None
     solver: str = "dct"
     sweeps: int = 2
     spacing: float = 0.5
-    order: int = 6
+    order: int | str = 6
     laplacian: str = "exact"
     walls: str = "resolved"
     box_tolerance: float = 1e-3
@@ -117,17 +121,23 @@ class Numerics:
 
     def __post_init__(self) -> None:
         _validate.number("numerics.dt", self.dt, above=0)
-        _validate.number("numerics.S", self.S, least=0)
         _validate.choice("numerics.scheme", self.scheme, SCHEMES)
         self._check_tolerance()
-        if self.start_S is not None:
-            _validate.number("numerics.start_S", self.start_S, least=0)
+        for name in ("S", "start_S"):
+            if getattr(self, name) is not None:
+                _validate.number(f"numerics.{name}", getattr(self, name), least=0)
         choices = [name for name in SOLVERS if name not in SCHEMES]
         _validate.choice("numerics.solver", self.solver, choices)
         _validate.integer("numerics.sweeps", self.sweeps, least=2, most=MOST_SWEEPS)
         _validate.number("numerics.spacing", self.spacing, above=0)
-        _validate.choice("numerics.order", self.order, (2, 4, 6))
+        _validate.choice("numerics.order", self.order, ORDERS)
         _validate.choice("numerics.laplacian", self.laplacian, LAPLACIANS)
+        if self.laplacian == "stencil" and self.order == FITTED:
+            message = (
+                "numerics.laplacian = 'stencil' is a Laplacian of order 2, 4 or 6, and "
+                "numerics.order = 'fitted' has none; take laplacian = 'exact', or order = 6"
+            )
+            raise ValueError(message)
         _validate.choice("numerics.walls", self.walls, WALLS)
         _validate.number("numerics.box_tolerance", self.box_tolerance, above=0, most=0.1)
         _validate.choice("numerics.precision", self.precision, PRECISIONS)
@@ -196,7 +206,7 @@ class Numerics:
         """How long steps are, in words."""
         if self.tolerance is None:
             return f"δt = {self.dt:g}"
-        return f"tolerance {self.tolerance:g} nm, first δt = {self.dt:g}"
+        return f"tolerance {self.tolerance:g} nm, δt from {self.tick:g} to {LONGEST * self.dt:g}"
 
     def ticks_to(self, time: float, what: str = "time") -> int:
         """Number of ticks that reach an *in silico* time.

@@ -189,10 +189,10 @@ class Attraction(Term):
         environment.attraction = self
 
     def explicit_rate(self, conditions: Conditions) -> float:
-        """σ k |∇φ| at k = √(2c): of account where nothing faster is explicit, when linearised."""
+        """2 σ k |∇φ| at k = √(2c), of two cells: of account when linearised, where no more is."""
         if not conditions.linearised or not (conditions.several or conditions.staged):
             return 0.0
-        return self.strongest(conditions.types) * conditions.interface_scale**2
+        return 2 * self.strongest(conditions.types) * conditions.interface_scale**2
 
     def concern(self, conditions: Conditions) -> Concern | None:
         """Cells that tear each other apart."""

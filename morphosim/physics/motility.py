@@ -80,10 +80,25 @@ class Motility(Term):
         normals *= (-strength * cells["kappa"])[:, None]
         np.add(forces.drift, normals, out=forces.drift)
 
+    def explicit_rate(self, conditions: Conditions) -> float:
+        """3 times the square of the jump in a step, in widths, as measured."""
+        return 3 * self.jump(conditions) ** 2
+
+    def whole_cell_rate(self, conditions: Conditions) -> float:
+        """Likewise: noise moves whole cells."""
+        return self.explicit_rate(conditions)
+
+    def jump(self, conditions: Conditions) -> float:
+        """Root mean square move per step, in interface widths, of the most motile type."""
+        kappa = max(map(self.of, conditions.types))
+        return float(
+            kappa * conditions.numerics.dt**1.5 / conditions.tau * conditions.interface_scale
+        )
+
     def concern(self, conditions: Conditions) -> Concern | None:
         """Noise that moves cells too far in a step."""
         dt, kappa = conditions.numerics.dt, max(map(self.of, conditions.types))
-        jump = kappa * dt**1.5 / conditions.tau * conditions.interface_scale
+        jump = self.jump(conditions)
         if jump <= FARTHEST_JUMP:
             return None
         return Concern(

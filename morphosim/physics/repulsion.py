@@ -34,5 +34,8 @@ class Repulsion(Term):
         environment.g += self.g
 
     def explicit_rate(self, conditions: Conditions) -> float:
-        """g: where another cell is 1, or where three meet at 1/2, of what linearising leaves."""
-        return self.g if conditions.several else 0.0
+        """g, where another cell is 1; of what linearising leaves, no more than the double well."""
+        if not conditions.several:
+            return 0.0
+        well = 4 * float(conditions.tensions.max()) * conditions.interface_scale**2
+        return min(self.g, well) if conditions.linearised else self.g

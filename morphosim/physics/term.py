@@ -167,6 +167,7 @@ class Conditions:
     mean_tension : float
         Of all cells.
     volumes : (m,) target volumes of these cells, and those that they come to, µm³
+    filled : (m,) ∫ φ of these cells, where it may be more
     types : cell types that there are or may be
     several : bool
         Whether there is more than one cell, now or by divisions that are stated.
@@ -176,11 +177,15 @@ class Conditions:
         See `Physics`.
     numerics, confinement
         See `Scene`.
+    pressing : float
+        Whether cells are, or may come to be, pressed to the walls: 1, or down to 0 where they only
+        touch them.
     """
 
     tensions: Floats
     mean_tension: float
     volumes: Floats
+    filled: Floats
     types: Sequence[str]
     several: bool
     staged: bool
@@ -188,6 +193,7 @@ class Conditions:
     interface_scale: float
     numerics: Numerics
     confinement: Confinement | None
+    pressing: float = 1.0
 
     __repr__ = short_repr
 

@@ -58,9 +58,13 @@ class VolumeConstraint(Term):
             forces.stiffness[:] += self.strength
 
     def whole_cell_rate(self, conditions: Conditions) -> float:
-        """M' A / V or M A, A the surface, of the cell that is worst off, taken as a ball."""
+        """M' A / V or M A, A the surface, of the cell that is worst off, taken as a ball.
+
+        A is that of what is there where that is more than V.
+        """
         if conditions.linearised:
             return 0.0
         volumes = conditions.volumes
-        rates = self.strength * (36 * np.pi * volumes**2) ** (1 / 3)
+        largest = np.maximum(volumes, conditions.filled)
+        rates = self.strength * (36 * np.pi * largest**2) ** (1 / 3)
         return float((rates / volumes if self.kind == "relative" else rates).max())

@@ -48,6 +48,7 @@ class Checkpoint:
     back : state that the present stage may end with
     identity : which run it is of
     error : why the simulation cannot go on; "" while it can
+    explicit_rate : see `Engine`: what S has been chosen for
     """
 
     physics: Mapping[str, Any]
@@ -63,6 +64,7 @@ class Checkpoint:
     back: "Checkpoint | None" = None
     identity: Identity = field(default_factory=Identity)
     error: str = ""
+    explicit_rate: float = 0.0
 
     __repr__ = short_repr
 

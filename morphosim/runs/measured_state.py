@@ -180,6 +180,30 @@ class MeasuredState:
         """(N,) certificate: ∫ φ that boxes and bands have cut off so far, µm³."""
         return self.simulation.lost_volume
 
+    @measured(
+        dims=PER_CELL, units="nm",
+        text="error of the centroid by the time step so far, estimated as the run went",
+    )  # fmt: skip
+    def time_error(self) -> Real:
+        """(N,) estimated error of the centroid in time, nm; see `Errors`."""
+        return self.simulation.errors.time
+
+    @measured(
+        dims=PER_CELL, units="nm",
+        text="error of the semi-axes (root mean square) by the time step so far, likewise",
+    )  # fmt: skip
+    def shape_error(self) -> Real:
+        """(N,) estimated error of the semi-axes in time, nm."""
+        return self.simulation.errors.shape
+
+    @measured(
+        dims=PER_CELL, units="nm",
+        text="error of the centroid by the lattice so far, estimated as the run went",
+    )  # fmt: skip
+    def space_error(self) -> Real:
+        """(N,) estimated error of the centroid in space, nm."""
+        return self.simulation.errors.space
+
     @measured(dims=PER_TIME, text="stage of the protocol", kind=str)
     def stage(self) -> str:
         """Name of the present stage."""

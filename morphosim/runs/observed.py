@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
+from morphosim.engine.accuracy import Errors
 from morphosim.measure.measurement import Measurement
 from morphosim.physics.parameters import Physics
 from morphosim.runs.checkpoint import Checkpoint
@@ -38,6 +39,10 @@ class Observed(Protocol):
     @property
     def ticks(self) -> int:
         """Ticks passed: what *in silico* time is counted in, see `Numerics.tick`."""
+
+    @property
+    def S(self) -> float:
+        """The stabilisation at work."""
 
     @property
     def whole(self) -> bool:
@@ -110,6 +115,10 @@ class Observed(Protocol):
     @property
     def lost_volume(self) -> Floats:
         """Certificate: ∫ φ that boxes and bands have cut off so far, µm³."""
+
+    @property
+    def errors(self) -> Errors:
+        """How far the run may be off by now."""
 
     def column(self, name: str) -> NDArray[Any]:
         """(N, …) values of a column of the cell table, such as the state of a force term."""

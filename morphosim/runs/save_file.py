@@ -72,6 +72,7 @@ def provenance(simulation: Observed) -> dict[str, Any]:
         "seed": scene.numerics.seed,
         "physics": json.dumps(listed(physics_in_file(simulation.physics))),
         "numerics": json.dumps(numerics_table(scene.numerics)),
+        "S": simulation.S,
         "confinement": repr(scene.confinement),
         "versions": json.dumps(versions()),
         "machine": processor(),

@@ -1,8 +1,9 @@
 """Ends of stages: when a stage is over.
 
-Speeds are those of Supplementary Note 1.2: centroids are looked at every FLOOR(10/δt) steps, and v̄
-is the root mean square over cells of the mean speed in between. Another end is a class and a row of
-`ENDS`; scene files, errors and fingerprints know it by that.
+Speeds are those of Supplementary Note 1.2: centroids are looked at every FLOOR(10/δt) steps, or
+after FLOOR(10/tick) ticks where a tolerance chooses the steps, and v̄ is the root mean square over
+cells of the mean speed in between. Another end is a class and a row of `ENDS`; scene files, errors
+and fingerprints know it by that.
 """
 
 from collections.abc import Callable, Sequence

@@ -18,7 +18,6 @@ from morphosim.scene.arrays import set_apart, write_arrays
 from morphosim.scene.cell import Cell
 from morphosim.scene.kinds import object_of, table_of
 from morphosim.scene.scene import Scene, power_cells
-from morphosim.scene.stability import stabilised
 from morphosim.scene.stage_tables import stage_of, stage_table
 from morphosim.scene.tables import (
     cell_of,
@@ -44,8 +43,7 @@ def load_scene(path: str | Path, overrides: Mapping[str, Any] | None = None) -> 
     path : path of a TOML file
     overrides : mapping, optional
         Values by dotted key, such as {"physics.gamma": 0.3}, that replace those of the file;
-        "numerics.preset" replaces all of the file's numerics but threads and seed; where walls
-        cannot be resolved (images), it takes the S that they need, unless S is given.
+        "numerics.preset" replaces all of the file's numerics but threads and seed.
 
     Raises
     ------
@@ -134,7 +132,7 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
     _check_rows(rows)
     confinement = confinement_of(table, folder)
     shapes = _shapes(rows, confinement, folder)
-    scene = Scene(
+    return Scene(
         cells=[cell_of(row, shape) for row, shape in zip(rows, shapes, strict=True)],
         physics=physics_of(table.get("physics", {}), [row["name"] for row in rows], folder),
         numerics=numerics_of(table.get("numerics", {})),
@@ -145,8 +143,6 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
         ],
         **{key: table[key] for key in _SCALARS if key in table},
     )
-    stated = table.get("numerics", {})
-    return stabilised(scene) if "preset" in stated and "S" not in stated else scene
 
 
 def _check_rows(rows: Any) -> None:

@@ -48,8 +48,8 @@ class Rehearsal:
         Whether there is such an event in any stage.
     courses : list of Physics
         All that has held so far.
-    tensions : list of float
-        Surface tensions that cells are given.
+    tensions, volumes : lists of float
+        Surface tensions that cells are given, and target volumes (µm³) as far as they are known.
     """
 
     cells: dict[str, Volume]
@@ -64,6 +64,7 @@ class Rehearsal:
     silent: bool = False
     courses: list[Physics] = field(init=False)
     tensions: list[float] = field(init=False, default_factory=list)
+    volumes: list[float] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         self.courses = [self.physics]
@@ -166,8 +167,8 @@ class Rehearsal:
 
     def _bring(self, name: str, volume: Volume) -> None:
         """Give a cell, which there may not have been, a target volume."""
-        if volume is not None:
-            self._volume(name, volume)
+        known = [self._volume(name, volume), *getattr(volume, "volumes", ())]
+        self.volumes += [value for value in known if value is not None]
         self.cells[name] = volume
         self.used.add(name)
 

@@ -106,11 +106,12 @@ class Scene:
     def _facts(self) -> dict[str, str]:
         """What the scene is, by name."""
         numerics = self.numerics
+        S = "S chosen by the run" if numerics.S is None else f"S = {numerics.S:g}"
         return {
             "cells": f"{len(self.cells)}: {_shown.listed(self.names)}",
             "types": _shown.listed(sorted({kind for kind in self.types if kind})),
             "physics": self.physics.summary,
-            "numerics": f"{numerics.step_text}, spacing {numerics.spacing:g} µm, S = {numerics.S:g}"
+            "numerics": f"{numerics.step_text}, spacing {numerics.spacing:g} µm, {S}"
             f", {', '.join(dict.fromkeys((numerics.scheme, numerics.active_solver)))}",
             "confinement": type(self.confinement).__name__ if self.confinement else "open space",
             "duration": f"{self.duration:g}, a save every {self.save_every:g}",

@@ -18,42 +18,58 @@ time T, (1 - exp(-T/L)) L/T, or S δt / (τ + S δt), is missing at the end. Wha
 exp(-T / 2L), which is less (`benchmarks/stability.py --lag`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from morphosim.errors import warn
 from morphosim.geometry.phase_field import lattice_field, share_outside
 from morphosim.numerics.chebyshev import largest_eigenvalue
-from morphosim.numerics.schemes import SHARES, stabilisation
-from morphosim.physics.confinement_repulsion import is_resolved
+from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.schemes import stabilisation, used_S
+from morphosim.physics.confinement_repulsion import ConfinementRepulsion
 from morphosim.physics.parameters import Physics
+from morphosim.physics.repulsion import Repulsion
 from morphosim.physics.term import Concern, Conditions
 from morphosim.scene.cell import Cell, tensions
+from morphosim.scene.rehearsal import Rehearsal
 from morphosim.scene.scene import Scene
 
 COARSEST = 1.5
 """Largest √(2c) h: the profile's tail falls by exp(-√(2c) h) from one lattice point to the next."""
 
+WALLS, CELLS = ConfinementRepulsion.label, Repulsion.label
+TOUCHING, PRESSED = 0.047, 0.147
+"""Share of ∫ φ beyond the walls up to which they do not press a cell, and from which they do.
 
-NOT_PRESSED = {"bdf2": 1.4, "imex1": 0.8}
-"""By how much S may be less than `least_S`, by scheme, where walls do not press the cells.
-
-The eight-cell embryo needs 1.6 to 1.7 less, or 0.9 to 1.2 with "imex1" (docs/stability.md).
+At the start it is up to 0.047 in the eight-cell embryo. Two balls between stepped walls at δt = 2
+are stable at S = 12 with 0.034, at 12.3 with 0.069, and need 13.1 and more from 0.147 on, of the
+13.4 of `least_S`.
 """
-MOST_OUTSIDE = 0.04
-"""Share of ∫ φ that may start beyond walls that do not press.
+BREATHING, SQUEEZED = 0.4, 0.25
+"""Shares of whole cells' rates that add to those at walls that cells are pressed to, and to their
+own: then they are no balls.
 
-It is 0.025 of the embryo's cells. Two balls between stepped walls at δt = 2 are stable at S = 12
-with 0.034, at 12.3 with 0.069, and need 13.1 and more from 0.147 on; `least_S` is 13.4.
+Measured, f less that of wall and double well: 2.0 to 2.5 of balls of R = 4 µm at flat walls, 2.9 to
+3.6 of eight to twelve cells that fill a box, 10.5 to 11.2 with M' = 16; 3.1, 3.4, 2.1 and 2.1 at
+most of balls of 2.2, 3, 5 and 8 µm in walls from an image. This and `PRESSED` of walls make it 3.4,
+3.4 to 3.8, 11.4; 5.4, 4.2, 2.9 and 2.2.
 """
-CLOSED_IN = 0.3
-"""Share of the whole cells' rates that adds to those at points in walls from an image.
+MARGIN, LINEARISED_MARGIN = 1.1, 1.2
+"""Rates that S is chosen for, in those of the formula.
 
-They close in on cells from all sides. Measured, needed S less `least_S` of balls of 2.2, 3, 5 and
-8 µm: 1.6, 1.8, 0.8, 0.8 at most at δt = 2, and 2, 2.2, 1.2, 0.2 with "draft"; this makes it 2.5,
-1.8, 1.1 and 0.7.
+Measured, f that is needed over that of the formula: 0.83 to 1.08 of balls and halves of them, 1.07
+of a disc of 7 by 1.6 µm, 0.93 to 1.03 of two cells that adhere, 0.85 to 0.99 of cells pressed to
+walls, and 0.94 to 0.97 of the eight-cell embryo. With "linearised" and a tolerance, steps to t =
+3000 are fewest at 0.5 to 0.7 of the formula for two to four cells, and at 1.1 for the embryo; they
+are twice as many at 0.9 there, and 1 to 8 % more at 1.2.
 """
+INTERFACE = 0.2
+"""Of the profile's k² = ∫ φ''² / ∫ φ'², in 2c."""
+DIGIT = 0.05
+"""Rates that S is chosen for are multiples of this: the rounding of volumes changes no S."""
 MISSED = 0.15
 """Share of what changes in a run that may be missing at its end with no warning: T > 6.6 L."""
 MOST_MISSED = {"bdf2": 0.9, "imex1": 0.99}
@@ -75,8 +91,14 @@ class StabilityWarning(UserWarning):
     """A scene is likely to diverge, or to be late; the message says what to change."""
 
 
-def check(scene: Scene) -> None:
+def check(scene: Scene, S: float | None = None) -> None:
     """Report what is known to fail before it does.
+
+    Parameters
+    ----------
+    scene : Scene
+    S : float, optional
+        What has been chosen for it, if that is known.
 
     Raises
     ------
@@ -88,12 +110,12 @@ def check(scene: Scene) -> None:
     StabilityWarning
         A combination of physics and numerics is expected to diverge, or to be late.
     """
-    refuse(scene)
-    for concern in concerns(scene):
+    refuse(scene, S)
+    for concern in concerns(scene, S):
         warn(concern, StabilityWarning)
 
 
-def refuse(scene: Scene) -> None:
+def refuse(scene: Scene, S: float | None = None) -> None:
     """Raise ValueError if a run cannot be right.
 
     The lattice does not resolve the interface, and `numerics.allow_coarse` is not set; or steps are
@@ -108,14 +130,16 @@ def refuse(scene: Scene) -> None:
             "allowed. Take that, or numerics.allow_coarse = true"
         )
         raise ValueError(message)
-    if is_late(scene, MOST_MISSED.get(numerics.scheme, 1.0), FAR):
-        raise ValueError(_late(scene))
+    chosen = with_S(scene, S)
+    if is_late(chosen, MOST_MISSED.get(numerics.scheme, 1.0), FAR):
+        raise ValueError(_late(chosen))
 
 
-def concerns(scene: Scene) -> list[str]:
-    """What is likely to go wrong, in words."""
+def concerns(scene: Scene, S: float | None = None) -> list[str]:
+    """What is likely to go wrong, in words; `S` is what has been chosen, if that is known."""
     found = (
-        _euler_step(scene), _late(scene), _stabilisation(scene), *_concerns_of_terms(scene)
+        _euler_step(scene), _late(with_S(scene, S)), _stabilisation(scene),
+        *_concerns_of_terms(scene),
     )  # fmt: skip
     return [text for text in found if text]
 
@@ -138,24 +162,24 @@ def _late(scene: Scene) -> str:
 
 
 def _slow_time(scene: Scene, what: str) -> str:
-    numerics, tau = scene.numerics, _least_tau(scene)
+    numerics, tau, S = scene.numerics, _least_tau(scene), _given(scene)
     return (
-        f"numerics.dt = {numerics.dt:g} with S = {numerics.S:g} makes time run 1 + S δt/τ = "
-        f"{1 + numerics.S * numerics.dt / tau:.3g} times slower, {what}. Take scheme = 'bdf2', or "
+        f"numerics.dt = {numerics.dt:g} with S = {S:.3g} makes time run 1 + S δt/τ = "
+        f"{1 + S * numerics.dt / tau:.3g} times slower, {what}. Take scheme = 'bdf2', or "
         f"dt times S of at most {_rounded(tau * MISSED / (1 - MISSED), np.floor)}"
     )
 
 
 def _lagging(scene: Scene, what: str) -> str:
-    numerics, span = scene.numerics, _span(scene)
-    longest = np.sqrt(max(MISSED * span, short_lag(scene)) * _least_tau(scene) / numerics.S)
+    numerics, span, S = scene.numerics, _span(scene), _given(scene)
+    longest = np.sqrt(max(MISSED * span, short_lag(scene)) * _least_tau(scene) / S)
     least = _rounded(lag(scene) / MISSED, np.ceil)
     short, enough = f"a run of {span:g}", f", or a duration of {least}"
     if scene.stages:
         short = f"stages of {span:.3g} on average" if scene.end else f"stages of about {span:.3g}"
         enough = f", or stages of {least}" if scene.end else ""
     return (
-        f"numerics.dt = {numerics.dt:g} is too long for {short}: by S = {numerics.S:g} cells "
+        f"numerics.dt = {numerics.dt:g} is too long for {short}: by S = {S:.3g} cells "
         f"follow what pulls them S δt²/τ = {lag(scene):.3g} later, {what}. Take at most "
         f"{_rounded(longest, np.floor)}{enough}"
     )
@@ -168,36 +192,51 @@ def _rounded(value: float, to: Callable[[float], float]) -> str:
 
 
 def _stabilisation(scene: Scene) -> str:
-    numerics, needed = scene.numerics, least_S(scene)
-    if needed <= numerics.S:
+    """What to say of an S that is given."""
+    if scene.numerics.S is None:
         return ""
-    rates, spared = explicit_rates(scene), NOT_PRESSED.get(numerics.scheme, 0.0)
-    if "walls" in rates and needed - spared <= numerics.S and not _walls_press(scene):
+    press = 1.0 if least_S(scene) <= scene.numerics.S else pressing(scene)
+    return too_small(scene.numerics, explicit_rates(scene, press), least_S(scene, press))
+
+
+def too_small(numerics: Numerics, rates: Mapping[str, float], needed: float) -> str:
+    """What to say of an S that is given if it is less than `needed` at these rates; else ""."""
+    if numerics.S is None or needed <= numerics.S:
         return ""
     parts = ", ".join(f"{name} {rate:.3g}" for name, rate in rates.items())
-    advice = "a smaller dt, or weaker forces"
+    advice = "leave S out, which chooses it, or take a smaller dt, or weaker forces"
     if "walls" in rates and numerics.walls == "stepped":
         advice += ", or walls = 'resolved'"
     return (
         f"numerics.S = {numerics.S:g} may diverge at numerics.dt = {numerics.dt:g}: what acts on "
-        f"the cells ({parts}) needs at least {np.ceil(10 * needed) / 10:g}. Take that, {advice}"
+        f"the cells ({parts}) needs at least {np.ceil(10 * needed) / 10:g}. Take that, or {advice}"
     )
 
 
-def _walls_press(scene: Scene) -> bool:
-    """Whether cells start pressed to the walls, or may come to be: they divide, or grow."""
+def pressing(scene: Scene) -> float:
+    """How much walls press the cells, from 0 to 1: at the start, or if they divide or grow."""
+    if scene.confinement is None:
+        return 0.0
     stepped = [cell for cell in scene.cells if not cell.frozen]
-    return bool(scene.stages) or any(_grows(cell) or _is_pressed(cell, scene) for cell in stepped)
+    if scene.stages or any(_grows(cell) for cell in stepped):
+        return 1.0
+    most = 0.0
+    for cell in stepped:
+        most = max(most, (_outside(cell, scene) - TOUCHING) / (PRESSED - TOUCHING))
+        if most >= 1:
+            return 1.0
+    return most
 
 
 def _grows(cell: Cell) -> bool:
     return callable(cell.volume) or cell.target_volume(0.0) > GROWTH * cell.start_volume
 
 
-def _is_pressed(cell: Cell, scene: Scene) -> bool:
+def _outside(cell: Cell, scene: Scene) -> float:
+    """Share of ∫ φ of a cell beyond the walls at the start."""
     spacing, scale = scene.numerics.spacing, scene.physics.interface_scale
     origin, phi = lattice_field(cell.shape, cell.name, scale, spacing, cell.start_volume)
-    return share_outside(scene.confinement, origin, phi, spacing) > MOST_OUTSIDE
+    return share_outside(scene.confinement, origin, phi, spacing)
 
 
 def _concerns_of_terms(scene: Scene) -> list[str]:
@@ -211,37 +250,48 @@ def _concerns_of_terms(scene: Scene) -> list[str]:
     return [concern.text for concern in worst.values()]
 
 
-def explicit_rates(scene: Scene) -> dict[str, float]:
+def explicit_rates(scene: Scene, pressing: float = 1.0) -> dict[str, float]:
     """What the scheme takes explicitly and at which rates; their sum is f.
 
-    Those of the stage where they are fastest.
+    Those of the stage where they are fastest. For `pressing` see `least_S`.
     """
-    rates = [_rates(*course) for course in _courses(scene)]
+    rates = [rates_of(*course) for course in _courses(scene, pressing)]
     return max(rates, key=lambda rates: sum(rates.values()))
 
 
-def _courses(scene: Scene) -> list[tuple[Physics, Conditions]]:
+def _courses(scene: Scene, pressing: float = 1.0) -> list[tuple[Physics, Conditions]]:
     """All physics that hold in turn, each with what its terms are asked about."""
     rehearsal = scene.rehearsed()
-    given = rehearsal.tensions
-    return [(physics, _conditions(scene, physics, given)) for physics in rehearsal.courses]
+    return [
+        (physics, replace(conditions(scene, physics, rehearsal), pressing=pressing))
+        for physics in rehearsal.courses
+    ]
 
 
-def _conditions(scene: Scene, physics: Physics, given: Sequence[float]) -> Conditions:
-    """What force terms are asked about; events give cells the surface tensions `given`."""
+def conditions(scene: Scene, physics: Physics, rehearsal: Rehearsal | None = None) -> Conditions:
+    """What force terms are asked about, where walls press and these physics hold.
+
+    Of the scene's cells, and, where it is given, of those that come in a rehearsal.
+    """
+    given = (rehearsal.tensions, rehearsal.volumes) if rehearsal else ((), ())
     stepped = [cell for cell in scene.cells if not cell.frozen] or list(scene.cells)
-    return Conditions(
-        tensions=np.array([*tensions(stepped, physics), *given]),
+    return conditions_of(
+        scene, physics,
+        tensions=np.array([*tensions(stepped, physics), *given[0]]),
         mean_tension=float(np.mean(tensions(scene.cells, physics))),
-        volumes=np.concatenate([_volumes(cell) for cell in stepped]),
+        volumes=np.concatenate([*map(_volumes, stepped), given[1]]),
+        filled=np.concatenate([*map(_filled, stepped), given[1]]),
         types=scene.possible_types,
         several=len(scene.possible_names) > 1,
-        staged=bool(scene.stages),
-        tau=physics.tau,
-        interface_scale=physics.interface_scale,
-        numerics=scene.numerics,
-        confinement=scene.confinement,
-    )
+    )  # fmt: skip
+
+
+def conditions_of(scene: Scene, physics: Physics, **cells: Any) -> Conditions:
+    """What force terms are asked about, of these cells of a scene."""
+    return Conditions(
+        staged=bool(scene.stages), tau=physics.tau, interface_scale=physics.interface_scale,
+        numerics=scene.numerics, confinement=scene.confinement, **cells,
+    )  # fmt: skip
 
 
 def _volumes(cell: Cell) -> list[float]:
@@ -249,12 +299,30 @@ def _volumes(cell: Cell) -> list[float]:
     return [cell.target_volume(0.0), *getattr(cell.volume, "volumes", ())]
 
 
-def _rates(physics: Physics, conditions: Conditions) -> dict[str, float]:
-    """Rates at a point, or of cells as a whole, whichever are faster together."""
+def _filled(cell: Cell) -> list[float]:
+    """∫ φ that it has at the start, and about that of its target later, µm³."""
+    return [cell.start_volume, *getattr(cell.volume, "volumes", ())]
+
+
+def rates_of(physics: Physics, conditions: Conditions) -> dict[str, float]:
+    """Rates by name of the term, where they are fastest together.
+
+    That is at walls, or where cells meet, or of cells as a whole.
+    """
     terms = physics.active_terms
-    at_points = [(term.name, term.explicit_rate(conditions)) for term in terms]
-    of_cells = [(term.name, term.whole_cell_rate(conditions)) for term in terms]
-    return max(_summed(at_points), _summed(of_cells), key=lambda rates: sum(rates.values()))
+    at_points = _summed([(term.name, term.explicit_rate(conditions)) for term in terms])
+    of_cells = _summed([(term.name, term.whole_cell_rate(conditions)) for term in terms])
+    at_walls = _without(CELLS, at_points)
+    if WALLS in at_walls:
+        breathing = conditions.pressing * sum(of_cells.values())
+        at_walls[WALLS] += BREATHING * breathing
+        of_cells |= _summed([(WALLS, SQUEEZED * breathing)])
+    places = (at_walls, _without(WALLS, at_points), of_cells)
+    return max(places, key=lambda rates: sum(rates.values()))
+
+
+def _without(name: str, rates: Mapping[str, float]) -> dict[str, float]:
+    return {other: rate for other, rate in rates.items() if other != name}
 
 
 def _summed(rates: list[tuple[str, float]]) -> dict[str, float]:
@@ -270,28 +338,80 @@ def explicit_rate(scene: Scene) -> float:
     return sum(explicit_rates(scene).values())
 
 
-def least_S(scene: Scene) -> float:
-    """Least S that is expected to be stable; 0 for "euler", which has none."""
-    dt, scheme = scene.numerics.dt, scene.numerics.scheme
-    return max(
-        stabilisation(sum(_rates(*course).values()), dt, course[0].tau, scheme)
-        for course in _courses(scene)
-    )
+def least_S(scene: Scene, pressing: float = 1.0) -> float:
+    """Least S that is expected to be stable; 0 for "euler", which has none.
+
+    Parameters
+    ----------
+    scene : Scene
+    pressing : float
+        How much walls press the cells, see `stability.pressing`.
+    """
+    return max(needed_S(*course) for course in _courses(scene, pressing))
+
+
+def needed_S(physics: Physics, conditions: Conditions) -> float:
+    """Least S that is expected to be stable for physics that hold."""
+    rate, numerics = sum(rates_of(physics, conditions).values()), conditions.numerics
+    return stabilisation(rate, numerics.dt, physics.tau, numerics.scheme)
+
+
+def safe_rate(physics: Physics, conditions: Conditions) -> float:
+    """Rate that S is chosen for: what the formula says, with a margin, to a digit or two."""
+    margin = LINEARISED_MARGIN if conditions.linearised else MARGIN
+    rate = margin * sum(rates_of(physics, conditions).values())
+    return float(np.ceil(rate / DIGIT) * DIGIT)
+
+
+def start_rate(scene: Scene) -> float:
+    """Rate that S is chosen for at the start of a scene."""
+    press = pressing(scene) if scene.numerics.S is None else 1.0
+    return safe_rate(scene.physics, replace(conditions(scene, scene.physics), pressing=press))
+
+
+def chosen_S(scene: Scene) -> float:
+    """S that a run of the scene starts with: what is given, or chosen."""
+    return used_S(scene.numerics, scene.physics.tau, start_rate(scene))
+
+
+def with_S(scene: Scene, S: float | None = None) -> Scene:
+    """The scene, or a copy with the S that is chosen for it if none is given.
+
+    Parameters
+    ----------
+    scene : Scene
+    S : float, optional
+        What has been chosen, if that is known.
+    """
+    if scene.numerics.S is not None:
+        return scene
+    return scene.with_numerics(S=chosen_S(scene) if S is None else S)
+
+
+def _given(scene: Scene) -> float:
+    """S of a scene that has one."""
+    assert scene.numerics.S is not None
+    return scene.numerics.S
 
 
 def lag(scene: Scene) -> float:
-    """*In silico* time by which "bdf2" lets velocities follow forces, S δt²/τ (see above)."""
-    numerics = scene.numerics
-    return numerics.S * numerics.dt**2 / _least_tau(scene)
+    """*In silico* time by which velocities follow forces, S δt²/τ (see above).
+
+    It is less with "linearised", whose S acts as diffusion does.
+    """
+    scene = with_S(scene)
+    inertia = INTERFACE if scene.numerics.scheme == "linearised" else 1.0
+    return inertia * _given(scene) * scene.numerics.dt**2 / _least_tau(scene)
 
 
 def missed(scene: Scene) -> float:
     """Share of what changes in the run, or a stage, that S may make it miss at its end, at most."""
-    numerics, end = scene.numerics, _span(scene)
-    if end == 0 or numerics.S == 0 or numerics.scheme == "euler":
+    scene = with_S(scene)
+    numerics, end, S = scene.numerics, _span(scene), _given(scene)
+    if end == 0 or S == 0 or numerics.scheme == "euler" or numerics.tolerance is not None:
         return 0.0
     if numerics.scheme == "imex1":
-        return 1 - 1 / (1 + numerics.S * numerics.dt / _least_tau(scene))
+        return 1 - 1 / (1 + S * numerics.dt / _least_tau(scene))
     least = np.finfo(float).tiny  # where a lag, or the share of it, is too small for a number
     lags = max(end / max(lag(scene), least), least)
     return float(-np.expm1(-lags) / lags)
@@ -299,7 +419,7 @@ def missed(scene: Scene) -> float:
 
 def is_late(scene: Scene, share: float = MISSED, lags: float = 1.0) -> bool:
     """Whether more than a share is missing, by a lag of more than so many that are no matter."""
-    slow = scene.numerics.scheme == "imex1"
+    scene, slow = with_S(scene), scene.numerics.scheme == "imex1"
     return missed(scene) > share and (slow or lag(scene) > lags * short_lag(scene))
 
 
@@ -322,24 +442,10 @@ def short_lag(scene: Scene) -> float:
     return SHORT_LAG / float(max(rates))
 
 
-def stabilised(scene: Scene) -> Scene:
-    """Copy of the scene with the S that its walls need, where they cannot be resolved (images)."""
-    numerics, walls = scene.numerics, scene.confinement
-    if walls is None or numerics.walls != "resolved" or is_resolved(walls, numerics):
-        return scene
-    breathing = max(_whole_cell_rate(*course) for course in _courses(scene))
-    needed = least_S(scene) + SHARES.get(numerics.scheme, 0.0) * CLOSED_IN * breathing
-    return scene.with_numerics(S=max(numerics.S, float(np.ceil(needed))))
-
-
-def _whole_cell_rate(physics: Physics, conditions: Conditions) -> float:
-    """Rate of cells as a whole."""
-    return sum(term.whole_cell_rate(conditions) for term in physics.active_terms)
-
-
 def largest_euler_step(scene: Scene) -> float:
     """Largest δt of explicit Euler that is expected to be stable."""
-    k2 = largest_eigenvalue(scene.numerics.order, scene.numerics.spacing)
+    numerics, scale = scene.numerics, scene.physics.interface_scale
+    k2 = largest_eigenvalue(numerics.order, numerics.spacing, scale)
     stiffest = max(float(conditions.tensions.max()) for _, conditions in _courses(scene))
     fastest = explicit_rate(scene) + stiffest * k2
     return float(2 * scene.physics.tau / fastest)

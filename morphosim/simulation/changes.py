@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from morphosim import _validate
 from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine, check_columns
+from morphosim.errors import warn
 from morphosim.physics.parameters import Physics
+from morphosim.physics.term import Conditions
+from morphosim.scene import stability
 from morphosim.scene.cell import CHANGEABLE, VolumeFunction, check_values, volume_at
+from morphosim.scene.scene import Scene
+from morphosim.scene.stability import StabilityWarning
 from morphosim.scene.tables import physics_table
 from morphosim.simulation.division import divided
 from morphosim.simulation.volumes import VolumeFunctions
@@ -26,6 +32,7 @@ class Changes:
 
     Attributes
     ----------
+    scene : Scene
     engine : Engine
     removed : list of (time, name)
         Cells that were taken out.
@@ -33,6 +40,7 @@ class Changes:
         What has changed the simulation.
     """
 
+    scene: Scene
     engine: Engine
     removed: list[tuple[float, str]]
     events: list[tuple[float, str]]
@@ -110,6 +118,7 @@ class Changes:
             self._volumes.set(name, share)
         self._used.update(daughters)
         self._tell(f"division of {cell} into {daughters[0]} and {daughters[1]}")
+        self._stay_stable()
 
     def remove(self, cells: Iterable[str]) -> None:
         """Take cells out; the others keep their history. They are listed in `removed`.
@@ -152,6 +161,7 @@ class Changes:
         if changed.any():
             touched = ", ".join(name for name, is_so in zip(names, changed, strict=True) if is_so)
             self._tell(f"change of {', '.join(values)} of {touched}")
+            self._stay_stable()
 
     def change_physics(self, **values: Any) -> None:
         """Give the physics other values, from the next step on, which is of first order.
@@ -165,6 +175,7 @@ class Changes:
         physics = replace(self.physics, **values)
         if physics_table(physics) != physics_table(self.physics):
             check_columns(physics)
+            self._choose_S(physics)
             self.engine.set_physics(physics)
             self._tell(f"change of {', '.join(values)}")
 
@@ -214,6 +225,50 @@ class Changes:
         function, table = self._volumes.get(name), self.engine.everyone
         now = table["target"][table.row(name)] if function is None else function
         return volume_at(name, now, self.time)
+
+    def _choose_S(self, physics: Physics) -> None:
+        """Choose S for other physics, or warn if it is given and too small for them."""
+        conditions = self._conditions(physics)
+        self.engine.explicit_rate = stability.safe_rate(physics, conditions)
+        self._warn_of_S(physics, conditions)
+
+    def _stay_stable(self) -> None:
+        """Choose S anew, or warn if it is given, where cells have come to need more of it."""
+        physics, engine = self.physics, self.engine
+        conditions = self._conditions(physics)
+        if self.scene.numerics.S is None and stability.needed_S(physics, conditions) > engine.S:
+            engine.stabilise(stability.safe_rate(physics, conditions))
+        self._warn_of_S(physics, conditions)
+
+    def _warn_of_S(self, physics: Physics, conditions: Conditions) -> None:
+        """Warn of an S that is given and too small, unless as much has been told of."""
+        numerics, needed = self.scene.numerics, stability.needed_S(physics, conditions)
+        rates = stability.rates_of(physics, conditions)
+        text = stability.too_small(numerics, rates, needed)
+        if text and needed > self._known_S * (1 + 1e-9):
+            self._known_S = needed
+            warn(f"from t = {self.time:g} on: {text}", StabilityWarning)
+
+    def _conditions(self, physics: Physics) -> Conditions:
+        """What force terms are asked about, of the cells that live now."""
+        table, scene = self.engine.everyone, self.scene
+        tensions, stepped = physics.surface_tension.tensions(table), ~table["frozen"]
+        if not stepped.any():
+            stepped[:] = True
+        courses = [getattr(f, "volumes", ()) for f in self._volumes.functions.values()]
+        to_come = np.array([volume for course in courses for volume in course])
+        return stability.conditions_of(
+            scene, physics, tensions=tensions[stepped], mean_tension=float(tensions.mean()),
+            volumes=np.concatenate([table["target"][stepped], to_come]),
+            filled=np.concatenate([self.engine.volumes[stepped], to_come]),
+            types=sorted({*scene.possible_types, *table.types}),
+            several=len(scene.possible_names) > 1 or len(table) > 1,
+        )  # fmt: skip
+
+    @cached_property
+    def _known_S(self) -> float:
+        """What is known to be needed: so much has been told of before the first step."""
+        return stability.least_S(self.scene)
 
     def _row(self, cell: str) -> int:
         """Row of a cell in the table."""

@@ -2,7 +2,7 @@
 
 import time
 
-from morphosim.progress import Bar, Pace, duration_text, tell_line
+from morphosim.progress import Bar, Pace, Remaining, duration_text, tell_line
 from morphosim.simulation.simulation import Simulation
 
 
@@ -54,6 +54,7 @@ class ProgressBar:
         self._told = len(simulation.events)
         self._pace = Pace()
         self._begin = self._shown = time.perf_counter()
+        self._remaining = Remaining(simulation.time)
 
     def after_step(self, simulation: Simulation) -> None:
         """Count; draw if the last drawing is old enough."""
@@ -61,8 +62,10 @@ class ProgressBar:
         if self.first_step:
             self.steps += 1
             self.seconds = now - self._begin
+            self._remaining.note(self.seconds, simulation.time)
         else:
-            self.first_step, self._begin, self._since = now - self._begin, now, simulation.time
+            self.first_step, self._begin = now - self._begin, now
+            self._remaining = Remaining(simulation.time)
         if self.quiet:
             return
         if self.events:
@@ -92,11 +95,10 @@ class ProgressBar:
         else:
             words[0] += f" of {self._end:g}"
         words.append(_count(len(simulation.names)))
-        lapse = simulation.time - self._since
-        if self.steps and lapse > 0:
+        left = self._remaining.seconds(self._end)
+        if left is not None:
             words.append(f"{self.steps / self.seconds:.3g} steps/s")
             if not scene.stages:
-                left = self.seconds / lapse * (self._end - simulation.time)
                 words.append(f"{duration_text(left)} left")
         return ", ".join(words)
 

@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from morphosim import _shown, _validate
 from morphosim.engine.engine import RUNAWAY, Engine, check_columns
-from morphosim.errors import CellVanishedError, DivergenceError, SimulationError, ToleranceError
-from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS
+from morphosim.errors import (
+    CellVanishedError,
+    DivergenceError,
+    ResolutionWarning,
+    SimulationError,
+    ToleranceError,
+    warn,
+)
+from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS, PARTS
 from morphosim.progress import Tell, silent
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.identity import Identity
@@ -34,6 +41,11 @@ from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import cell_columns, start_fields
 from morphosim.simulation.state import State
 from morphosim.simulation.volumes import VolumeFunctions
+
+LOOK_AT_TARGETS = 32
+"""Steps between two looks at whether target volumes that are functions of time need another S."""
+RESOLUTION_CHECK = 256
+"""Steps between two looks at whether the lattice resolves the scene."""
 
 
 @dataclass
@@ -75,6 +87,8 @@ class Simulation(State):
     -----
     StabilityWarning
         Physics and numerics are expected to diverge, or to be late; it says what to change.
+    ResolutionWarning
+        In a run: the lattice turns out to be too coarse for what happens.
 
     Examples
     --------
@@ -97,6 +111,8 @@ class Simulation(State):
     until: float = field(init=False)
     identity: Identity = field(init=False, default_factory=Identity)
     _stages: StageRunner = field(init=False)
+    _coarse: bool = field(init=False, default=False)
+    """Whether it has been told that the lattice is too coarse."""
 
     def __post_init__(self, state: Checkpoint | None) -> None:
         _validate.instance("scene", self.scene, Scene)
@@ -115,7 +131,7 @@ class Simulation(State):
         else:
             self._take_over(state)
             self._stages.restore(state)
-        stability.check(scene)
+        stability.check(scene, self.S)
         self.engine.settle()
 
     def __repr__(self) -> str:
@@ -139,6 +155,7 @@ class Simulation(State):
         return {
             "cells": f"{len(self.names)}: {_shown.listed(self.names)}",
             "steps": f"{self.steps} of {self.scene.numerics.step_text}",
+            "S": f"{self.S:.3g}{'' if self.scene.numerics.S is not None else ' (chosen)'}",
             "stage": self.stage,
             "removed": _shown.listed(removed),
             "last event": self.events[-1][1] if self.events else "",
@@ -148,14 +165,14 @@ class Simulation(State):
     def _make_engine(self) -> Engine:
         """Engine without cells."""
         scene = self.scene
-        rate = stability.explicit_rate(scene)
-        return Engine(scene.physics, scene.numerics, scene.confinement, rate)
+        return Engine(scene.physics, scene.numerics, scene.confinement)
 
     def _start(self) -> None:
         """Begin with the cells of the scene."""
         check_size(self.scene)
         cells = self.scene.cells
         self.engine.start(cell_columns(cells), self.scene.types, start_fields(self.scene, cells))
+        self.engine.explicit_rate = stability.start_rate(self.scene)
         self._used = used_names(self.engine.everyone)
 
     @classmethod
@@ -218,6 +235,7 @@ class Simulation(State):
             back=None if stages is None else stages.back,
             identity=self.identity,
             error=self.error,
+            explicit_rate=self.engine.explicit_rate,
         )
 
     @cached_property
@@ -235,6 +253,7 @@ class Simulation(State):
         known = {cell.name: cell.volume for cell in self.scene.cells if callable(cell.volume)}
         self._volumes = VolumeFunctions.of(state.volumes, known | self._volumes.functions)
         physics = physics_of(relocated(state.physics, self.scene.courses), state.names)
+        self.engine.explicit_rate = state.explicit_rate
         self.engine.restore(state.arrays, physics, state.steps, state.ticks)
         self.stage, self.removed = state.stage, list(state.removed)
         self.identity = state.identity
@@ -360,6 +379,7 @@ class Simulation(State):
                 observer.start(self)
                 started.append(observer)
             self._advance(watching)
+            self._check_resolution()
         except BaseException as error:
             ended = error
             if isinstance(error, SimulationError):
@@ -381,8 +401,16 @@ class Simulation(State):
                 self._step(self._due(last, observers) - self.ticks)
                 ends = staged and self._stages.after_step(self)
                 tell_step(observers, self, ends)
+                if self.steps % RESOLUTION_CHECK == 0:
+                    self._check_resolution()
                 check_interrupt()
         self._tell(f"stop: {self.stopped}")
+
+    def _check_resolution(self) -> None:
+        """Warn, once, if the lattice has turned out to be too coarse."""
+        if not self._coarse and (why := self.errors.too_coarse(self.spacing)):
+            self._coarse = True
+            warn(why, ResolutionWarning)
 
     def _is_stopped(self) -> bool:
         """Whether somebody has asked the run to end."""
@@ -408,6 +436,8 @@ class Simulation(State):
     def _step(self, most: int) -> None:
         """Take a step of at most so many ticks."""
         before = self.time
+        if self._volumes.functions and self.steps % LOOK_AT_TARGETS == 0:
+            self._stay_stable()
         self.engine.step(most)
         if (diverged := self.engine.diverged()).size:
             self._raise_divergence(int(diverged[0]), before)
@@ -417,16 +447,26 @@ class Simulation(State):
             self._handle_vanished(vanished)
 
     def _raise_divergence(self, i: int, before: float) -> None:
-        numerics, name = self.scene.numerics, self.names[i]
-        own = ", ".join(term.name for term in self.physics.terms)
-        terms = f"; or look at your own force terms: {own}" if own else ""
+        name = self.names[i]
         message = (
             f"cell {name!r} diverged at t = {self.time:g} (step {self.engine.steps}): "
             f"its field is not finite or exceeds {RUNAWAY:g} in magnitude. It keeps the field of "
-            f"t = {before:g}. Try a smaller numerics.dt (now {numerics.dt:g}), a "
-            f"larger numerics.S (now {numerics.S:g}), scheme = 'imex1', or weaker forces{terms}"
+            f"t = {before:g}. Try {self._cures()}"
         )
         raise DivergenceError(message, time=self.time, cell=name)
+
+    def _cures(self) -> str:
+        """What to try where fields diverge."""
+        numerics = self.scene.numerics
+        shortest = f", of which the shortest step is 1/{PARTS}" if numerics.tolerance else ""
+        cures = [f"a smaller numerics.dt (now {numerics.dt:g}{shortest})"]
+        if numerics.scheme != "euler":
+            cures.append(f"a larger numerics.S (now {self.S:.3g})")
+        if numerics.scheme == "bdf2":
+            cures.append("scheme = 'imex1'")
+        own = ", ".join(term.name for term in self.physics.terms)
+        terms = f"; or look at your own force terms: {own}" if own else ""
+        return f"{', '.join(cures)}, or weaker forces{terms}"
 
     def _raise_overdue(self) -> None:
         """Tell that the shortest steps miss the tolerance, and of which cell most."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
+from morphosim.engine.accuracy import Errors
 from morphosim.measure.measurement import Measurement
 from morphosim.scene.scene import Scene
 from morphosim.simulation.changes import Changes
@@ -47,6 +48,11 @@ class State(Changes):
     def tick(self) -> float:
         """*In silico* time of a tick."""
         return self.scene.numerics.tick
+
+    @property
+    def S(self) -> float:
+        """The stabilisation at work: that of the numerics, or what has been chosen."""
+        return self.engine.S
 
     @property
     def spacing(self) -> float:
@@ -114,6 +120,11 @@ class State(Changes):
     def centroids(self) -> NDArray[np.float64]:
         """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
         return self.engine.centroids
+
+    @property
+    def errors(self) -> Errors:
+        """How far the run may be off by now, in time and in space, and the certificate of boxes."""
+        return Errors.of(self.column, self.scene.numerics, self.time)
 
     def column(self, name: str) -> NDArray[Any]:
         """(N, …) values of a column of the cell table, such as the state of a force term."""

@@ -148,7 +148,8 @@ def test_steps_follow_from_the_tolerance_or_are_fixed(store: Store) -> None:
     found = facts(controlled)["numerics"]
     assert (found[OWN]["tolerance"], found["reference"]["tolerance"]) == ("2.5", "")
     assert (
-        "scheme linearised · lattice 0.5 µm · tolerance 2.5 nm, first δt = 2" in found[OWN]["text"]
+        "linearised · lattice 0.5 µm · tolerance 2.5 nm, δt from 0.03125 to 32"
+        in found[OWN]["text"]
     )
     assert settings(controlled, TWO).scene(store).numerics == said
     assert settings(controlled, TWO, tolerance="").scene(store).numerics.tolerance is None
@@ -164,8 +165,8 @@ def test_what_empty_fields_show(store: Store) -> None:
     assert "δt = 2 · S = 12 · stepped walls" in published["text"]
     inside = np.ones((40, 40, 40), bool)
     walled = two_cells(confinement=MaskWalls(inside=inside, origin=(-10, -10, -10), spacing=0.5))
-    assert facts(walled)["numerics"]["draft"]["S"] == "at least 6"
-    assert facts(walled)["numerics"][OWN]["S"] == "6"
+    assert facts(walled)["numerics"]["draft"]["S"] == "17 (chosen)"
+    assert facts(walled.with_numerics(S=6.0))["numerics"][OWN]["S"] == "6"
 
 
 def test_an_S_that_is_given_stays(store: Store) -> None:
@@ -173,10 +174,9 @@ def test_an_S_that_is_given_stays(store: Store) -> None:
     walls = MaskWalls(inside=inside, origin=(-10, -10, -10), spacing=0.5)
     scene = two_cells(confinement=walls, numerics=Numerics(S=7.0))
     save_scene(scene, store.root / "two.toml")
-    given = {"": 7.0, "1.5": 7.0}  # δt: only a preset takes what walls need
-    for dt, S in given.items():
-        assert settings(scene, TWO, dt=dt).scene(store).numerics.S == S
-    assert settings(scene, TWO, preset="standard").scene(store).numerics.S > 12
+    for dt in ("", "1.5"):
+        assert settings(scene, TWO, dt=dt).scene(store).numerics.S == 7
+    assert settings(scene, TWO, preset="standard").scene(store).numerics.S is None
     assert settings(scene, TWO, preset="standard", S="5").scene(store).numerics.S == 5
 
 
@@ -601,7 +601,8 @@ def told_of(scene: Scene) -> tuple[str, dict[str, Any]]:
 
 
 def test_what_a_preset_is_to_blame_for_is_a_remark(tmp_path: Path) -> None:
-    scene = form(preset="published").scene(Store(tmp_path))
+    published = Numerics.preset("published")
+    scene = replace(built_in_scene("celegans-1-to-8"), numerics=published)  # daughters press walls
     kind, content = told_of(scene)
     assert (kind, content["cured"]) == ("remark", True)
     assert content["text"].startswith("As the preset 'published' has it: numerics.S = 12 may div")

@@ -347,7 +347,7 @@ def test_a_term_of_a_function_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_stability_counts_a_terms_rate() -> None:
-    strong = scene(Stiffness(bending=0.3))
+    strong = scene(Stiffness(bending=0.3)).with_numerics(S=6.0)
     with pytest.warns(StabilityWarning, match="Stiffness 21.7"):
         Simulation(strong)
 

@@ -1,7 +1,8 @@
 """The paper's multicellular phase-field scheme on one full periodic grid.
 
 This module is written to be read. It uses NumPy and Fourier transforms only, in double precision,
-and every faster solution is compared with it.
+and every faster solution is compared with it. Where an equation has a coefficient that varies in
+space, SciPy's conjugate gradients solve it.
 
 Fields ``phi`` have shape (N, nx, ny, nz): one field per cell, axes x, y, z.
 The position of a grid point is its index times ``h``, counted from 0. Lengths are in um.
@@ -9,7 +10,7 @@ Equation numbers are those of the paper; S1 to S4 are in its Supplementary Note 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
 from typing import Literal
@@ -17,10 +18,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, ndimage, optimize
+from scipy.sparse.linalg import LinearOperator, cg
 
 Array = NDArray[np.floating]
 GRID_AXES = (-3, -2, -1)
-SCHEMES = ("bdf2", "imex1", "euler")
+SCHEMES = ("bdf2", "imex1", "euler", "linearised")
 
 # Coefficients of f(x + m h) - f(x - m h), m = 1, 2, 3, in the first derivative times h.
 FIRST_DIFFERENCE = {2: (1 / 2,), 4: (2 / 3, -1 / 12), 6: (3 / 4, -3 / 20, 1 / 60)}
@@ -155,13 +157,18 @@ def double_well(phi: Array, model: Model) -> Array:
     return -per_cell(model.gamma) * model.c * (4 * phi**3 - 6 * phi**2 + 2 * phi)
 
 
-def repulsion(phi: Array, model: Model) -> Array:
-    """Repulsion by the shell and by the other cells (Eqs. 3 and 7)."""
+def repelled_by(phi: Array, model: Model) -> Array:
+    """What repels each cell: the other cells and the shell, sum g phi_j^2 + g_e phi_e^2 (Eq. 3)."""
     squares = phi**2
     others = model.g * (squares.sum(axis=0) - squares)
     if model.phi_e is not None:
         others += model.g_e * model.phi_e**2
-    return -phi * others
+    return others
+
+
+def repulsion(phi: Array, model: Model) -> Array:
+    """Repulsion by the shell and by the other cells (Eqs. 3 and 7)."""
+    return -phi * repelled_by(phi, model)
 
 
 def attraction(phi: Array, grad_phi: Array, model: Model) -> Array:
@@ -257,12 +264,91 @@ def step_second_order(
     return helmholtz_solve(rhs, 3 * b + S, model)
 
 
+def local_derivative(phi: Array, model: Model) -> Array:
+    """How fast the force at a point falls as phi rises there, gamma c W''(phi) + R."""
+    curvature = 12 * phi**2 - 12 * phi + 2
+    return per_cell(model.gamma) * model.c * curvature + repelled_by(phi, model)
+
+
+def volume_stiffness(model: Model) -> Array:
+    """How much the pressure of each cell falls per um^3 of its volume (Eqs. 2 and 10)."""
+    if model.volume_constraint is None:
+        return np.zeros(1)
+    targets = np.asarray(model.targets, dtype=float)
+    relative = model.volume_constraint == "relative"
+    return model.M / targets if relative else np.full(len(targets), model.M)
+
+
+def step_linearised(
+    phi: Array,
+    phi_old: Array | None,
+    model: Model,
+    dt: float,
+    S: float,
+    dt_old: float | None = None,
+    noise: Array | None = None,
+) -> Array:
+    """One step by forces that are linearised about an extrapolation.
+
+    With r = dt / dt_old and phi* = phi + r (phi - phi_old), backward differences of second order
+    give, for u = phi_new - phi*,
+
+        (a + D - (gamma + s) Laplacian) u = F(phi*) + gamma Laplacian(phi*) - tau/dt (phi* - phi)
+                                            - q |grad(phi*)|
+
+    with a = tau/dt (1 + 2 r)/(1 + r), D of `local_derivative` at phi*, and s = S / 2c. The
+    Laplacian of u is the central difference of order 2. q is what the pressure loses as the volume
+    changes by that of u: p' = dp/dv times the integral of u, where u is taken as alpha |grad(phi*)|
+    with the alpha that solves the integral of the equation.
+
+    Parameters
+    ----------
+    phi_old : array or None
+        Field of the step before; None makes a first step, phi* = phi and a = tau/dt.
+    dt_old : float, optional
+        Length of the step before; by default dt.
+    """
+    rate, r = model.tau / dt, dt / (dt_old or dt)
+    ahead = phi if phi_old is None else phi + r * (phi - phi_old)
+    a = rate if phi_old is None else rate * (1 + 2 * r) / (1 + r)
+    slope = np.sqrt(np.sum(gradient(ahead, model) ** 2, axis=0))
+    damping = local_derivative(ahead, model)
+    explicit = nonlinear_force(ahead, model, noise, dt) - rate * (ahead - phi)
+    stiffness = volume_stiffness(model) * model.h**3
+    sums = [part.sum(axis=GRID_AXES) for part in (explicit, slope, damping * slope)]
+    alpha = sums[0] / (a * sums[1] + sums[2] + stiffness * sums[1] ** 2)
+    loss = per_cell(stiffness * alpha * sums[1])
+    rhs = explicit + per_cell(model.gamma) * laplacian(ahead, model) - loss * slope
+    diffusing = replace(model, gamma=np.asarray(model.gamma) + S / (2 * model.c), laplacian=2)
+    return ahead + damped_solve(rhs, a, damping, diffusing)
+
+
+def damped_solve(rhs: Array, a: float, damping: Array, model: Model) -> Array:
+    """Solve (a + damping - gamma Laplacian) u = rhs for every cell."""
+    shape, gamma = rhs.shape, per_cell(model.gamma)
+
+    def apply(u: Array) -> Array:
+        u = u.reshape(shape)
+        return ((a + damping) * u - gamma * laplacian(u, model)).ravel()
+
+    def undamped(u: Array) -> Array:
+        return helmholtz_solve(u.reshape(shape), a + 0.5, model).ravel()
+
+    size = (rhs.size, rhs.size)
+    operator = LinearOperator(size, apply, dtype=float)
+    u, failed = cg(operator, rhs.ravel(), rtol=1e-8, M=LinearOperator(size, undamped, dtype=float))
+    if failed:
+        message = f"conjugate gradients have not converged in {failed} iterations"
+        raise RuntimeError(message)
+    return u.reshape(shape)
+
+
 def run(
     phi: Array,
     model: Model,
     dt: float,
     S: float = 0.0,
-    scheme: Literal["bdf2", "imex1", "euler"] = "bdf2",
+    scheme: Literal["bdf2", "imex1", "euler", "linearised"] = "bdf2",
     *,
     n_steps: int,
     noise: Callable[[int], Array] | None = None,
@@ -272,8 +358,9 @@ def run(
 
     Parameters
     ----------
-    scheme : {"bdf2", "imex1", "euler"}
-        Eq. 9 with a first step by Eq. 8; Eq. 8 only; explicit Euler, which ignores S.
+    scheme : {"bdf2", "imex1", "euler", "linearised"}
+        Eq. 9 with a first step by Eq. 8; Eq. 8 only; explicit Euler, which ignores S;
+        `step_linearised`.
     noise : callable, optional
         Gives u of Eq. S3, shape (N, 3), for the step counted from 0. Called once per step.
     on_step : callable, optional
@@ -289,6 +376,8 @@ def run(
             phi = step_euler(phi, model, dt, u)
         elif scheme == "imex1":
             phi = step_first_order(phi, model, dt, S, u)
+        elif scheme == "linearised":
+            phi, phi_old = step_linearised(phi, phi_old, model, dt, S, noise=u), phi
         else:
             force = nonlinear_force(phi, model, u, dt)
             if step == 0:

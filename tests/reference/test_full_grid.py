@@ -267,6 +267,37 @@ def test_implicit_steps_solve_their_equations() -> None:
     np.testing.assert_allclose(left, right, atol=1e-11)
 
 
+@pytest.mark.parametrize("constraint", ["relative", "absolute", None])
+def test_a_linearised_step_solves_its_equation(constraint: str | None) -> None:
+    """The equation written with the new field, and second differences of steps that differ."""
+    model = replace(small_model(), volume_constraint=constraint, M=0.5)
+    old, dt, dt_old, S = two_spheres(), 0.8, 0.5, 3.0
+    phi = fg.step_linearised(old, None, model, dt_old, S)
+    new = fg.step_linearised(phi, old, model, dt, S, dt_old)
+    tension, r = fg.per_cell(model.gamma), dt / dt_old
+    for ahead, now, after, step, rate in (
+        (old, old, phi, dt_old, (phi - old) / dt_old),
+        (
+            phi + r * (phi - old), phi, new, dt,
+            ((1 + 2 * r) / (1 + r) * new - (1 + r) * phi + r**2 / (1 + r) * old) / dt,
+        ),
+    ):  # fmt: skip
+        u = after - ahead
+        curvature = (ahead - 0.5) ** 2 * 12 - 1
+        others = model.g * ahead[::-1] ** 2
+        damped = (tension * model.c * curvature + others) * u
+        spread = (tension + S / (2 * model.c)) * fg.laplacian(u, replace(model, laplacian=2))
+        ahead_rate = model.tau * (rate - (ahead - now) / step)
+        force = fg.nonlinear_force(ahead, model) + tension * fg.laplacian(ahead, model)
+        left = ahead_rate + model.tau / step * (ahead - now)
+        gap = force + spread - damped - left  # q |grad(phi*)|
+        slope = np.sqrt((fg.gradient(ahead, model) ** 2).sum(axis=0))
+        q = (gap * slope).sum(axis=fg.GRID_AXES) / (slope**2).sum(axis=fg.GRID_AXES)
+        np.testing.assert_allclose(gap, fg.per_cell(q) * slope, atol=2e-8)
+        lost = fg.volume_stiffness(model) * fg.volume(u, H)  # about: u is no shift alone
+        np.testing.assert_allclose(q, np.broadcast_to(lost, q.shape), rtol=0.15, atol=1e-9)
+
+
 def observed_order(scheme: str, S: float) -> float:
     """Order in dt from the changes between three successive halvings of dt, up to t = 0.8."""
     ends = [
@@ -277,7 +308,8 @@ def observed_order(scheme: str, S: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("scheme", "S", "order"), [("bdf2", 2, 2), ("imex1", 2, 1), ("imex1", 0, 1), ("euler", 0, 1)]
+    ("scheme", "S", "order"),
+    [("bdf2", 2, 2), ("imex1", 2, 1), ("imex1", 0, 1), ("euler", 0, 1), ("linearised", 2, 2)],
 )
 def test_order_in_time(scheme: str, S: float, order: int) -> None:
     assert observed_order(scheme, S) == pytest.approx(order, abs=0.05)
@@ -288,6 +320,7 @@ def test_schemes_have_the_same_limit() -> None:
         return fg.run(two_spheres(), small_model(), 0.4 / n_steps, 0, scheme, n_steps=n_steps)
 
     second_order = end("bdf2", 64)
+    np.testing.assert_allclose(end("linearised", 64), second_order, atol=1e-5)
     for scheme in ("imex1", "euler"):
         # First order: twice the fine result minus the coarse one is nearly exact.
         extrapolated = 2 * end(scheme, 64) - end(scheme, 32)
@@ -325,7 +358,7 @@ def test_on_step_sees_each_step() -> None:
 
 
 def test_unknown_scheme_names_the_known_ones() -> None:
-    with pytest.raises(ValueError, match="'rk4'; known schemes are bdf2, imex1, euler"):
+    with pytest.raises(ValueError, match="'rk4'; known schemes are bdf2, imex1, euler, linearised"):
         fg.run(two_spheres(), small_model(), 0.1, scheme="rk4", n_steps=1)
 
 

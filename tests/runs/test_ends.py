@@ -113,7 +113,7 @@ def test_a_directory_without_a_run(tmp_path: Path) -> None:
 
 @EXPECTED_TO_FAIL
 def test_a_divergence_leaves_finite_fields(tmp_path: Path) -> None:
-    simulation = start(physics={"M": 1e6})
+    simulation = start(physics={"M": 1e6}, numerics={"S": 6.0})
     with pytest.raises(DivergenceError):
         simulation.run(until=300, observers=[RunWriter(tmp_path, 100, fields="exact")])
     with open_run(tmp_path) as data:

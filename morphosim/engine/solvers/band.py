@@ -75,7 +75,7 @@ class BandSolver(FixedSteps):
             return np.full((len(present), 1), numerics.dt / physics.tau)
         lhs = coefficients(numerics, physics.tau, S, fresh)["lhs"]
         extrapolates = numerics.scheme == "bdf2" and not fresh
-        top = largest_eigenvalue(numerics.order, numerics.spacing)
+        top = largest_eigenvalue(numerics.order, numerics.spacing, physics.interface_scale)
         least = numerics.sweeps + (0 if extrapolates else MORE_WITHOUT_HISTORY)
         while True:
             roots = [

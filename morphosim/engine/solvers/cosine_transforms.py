@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from morphosim.kernels.layout import Cosines
-from morphosim.kernels.stencils import LAPLACIAN_COEFFICIENTS
 from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.stencils import stencil_weights
 
 
 def eigenvalues(n: int, numerics: Numerics) -> NDArray[np.float64]:
@@ -18,7 +18,7 @@ def eigenvalues(n: int, numerics: Numerics) -> NDArray[np.float64]:
     angle = np.pi * np.arange(n) / n
     if numerics.laplacian == "exact":
         return (angle / numerics.spacing) ** 2
-    weights = LAPLACIAN_COEFFICIENTS[numerics.order]
+    _, weights = stencil_weights(numerics.order, numerics.spacing)
     symbol = weights[0] + 2 * sum(w * np.cos(m * angle) for m, w in enumerate(weights[1:], 1))
     return np.asarray(-symbol / numerics.spacing**2)
 

@@ -10,7 +10,7 @@ from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.scheduling import Schedule
 from morphosim.engine.solvers.solver import MostOfAll, Solver, StepState
 from morphosim.engine.stencil import make_stencil
-from morphosim.engine.step_control import FIRST, PATIENCE, StepControl
+from morphosim.engine.step_control import PATIENCE, StepControl
 from morphosim.kernels.boxes import BAD, N_SURVEYED
 from morphosim.kernels.layout import Linearisation
 from morphosim.kernels.linearised import N_CHANGES, stretch, take_steps, try_steps
@@ -27,6 +27,9 @@ Floats = NDArray[np.float64]
 SOLVED_ORDER = 2
 """Order of the iterations' stencil. They solve for u alone, and forces have the scene's order: a
 higher one gains nothing, and takes more iterations of twice the work."""
+MORE_AT_FIRST = 8
+"""More iterations of a cell without history: u is all its motion then, and not what an
+extrapolation has left."""
 WELL = 5.0
 """Largest W'' that fields come to, in c: that at φ = -0.2 and 1.2."""
 SHIFT = 0.4
@@ -53,7 +56,7 @@ class LinearisedSolver:
         self._numerics, self._dtype = numerics, dtype
         self._inner = make_stencil(SOLVED_ORDER, numerics.spacing, dtype)
         self._control = StepControl(numerics) if numerics.tolerance else None
-        self.before = self.laid = 1 if self._control is None else FIRST
+        self.before = self.laid = 1 if self._control is None else self._control.first
         self._new = np.zeros(0, dtype)
         self._rows = np.zeros((0, 2), np.int32)
         self._surveys = np.zeros((0, N_SURVEYED))
@@ -138,7 +141,7 @@ class LinearisedSolver:
         )  # fmt: skip
         bad = np.inf if self._surveys[rows, BAD].any() else 0.0
         worst = np.array([max(verdict.excess, bad), control.reach(verdict, ticks)])
-        excess, reach = most_of_all(np.nan_to_num(worst, nan=np.inf)).tolist()
+        excess, reach = most_of_all(np.nan_to_num(worst, nan=np.inf, posinf=np.inf)).tolist()
         if self._random and np.isfinite(excess):
             excess = reach = 0.0
         shorter = control.shorter(ticks, excess, reach)
@@ -155,6 +158,8 @@ class LinearisedSolver:
             self._dtype.type(planned / state.ticks), pool.boxes, self._rows, self._surveys,
             pool.surveys, pool.lost, pool.totals,
         )  # fmt: skip
+        refused = schedule.order[self._surveys[schedule.order, BAD] > 0]
+        pool.forget(refused.tolist())  # where φ* and the new field share a pool, φ* is gone
         self.before, self.laid = state.ticks, planned
 
     def _target(self, pool: BoxPool) -> NDArray[np.floating]:
@@ -177,9 +182,10 @@ class LinearisedSolver:
         rate = self._tau / (ticks * self._numerics.tick)
         growth = ticks / self.before
         later = rate * (1 + 2 * growth) / (1 + growth)
-        counts, weights = self._weights(len(pool), later, state)
+        fresh = state.terms.fresh
+        counts, weights = self._weights(fresh, rate, later, state)
         linear = Linearisation(
-            lhs=np.where(state.terms.fresh, rate, later).astype(self._dtype),
+            lhs=np.where(fresh, rate, later).astype(self._dtype),
             rate=real(rate),
             spread=real(self._spread(ticks)),
             stiffness=state.stiffness * self._numerics.spacing**3,
@@ -199,15 +205,25 @@ class LinearisedSolver:
             S = stabilisation(self._rate, ticks * numerics.tick, self._tau, numerics.scheme)
         return S / (2 * self._c)
 
-    def _weights(self, count: int, lhs: float, state: StepState) -> tuple[NDArray, NDArray]:
-        """Numbers and weights of the iterations of `count` cells."""
+    def _weights(
+        self, fresh: NDArray[np.bool_], rate: float, later: float, state: StepState
+    ) -> tuple[NDArray, NDArray]:
+        """Numbers and weights of the iterations of each cell."""
         damping = WELL * self._stiffest * self._c + state.coupling.strongest
-        key = count, lhs, damping
+        stiffness = self._stiffest + self._spread(state.ticks)
+        key = fresh.tobytes(), rate, later, stiffness, damping
         if key not in self._iterations:
             numerics = self._numerics
-            stiffness = self._stiffest + self._spread(state.ticks)
             top = stiffness * largest_eigenvalue(SOLVED_ORDER, numerics.spacing) + damping
-            roots = chebyshev_roots(lhs, 0.0, top, numerics.sweeps + MORE_WITHOUT_HISTORY)
-            weights = np.tile((1 / roots).astype(self._dtype), (count, 1))
-            self._iterations = {key: (np.full(count, len(roots)), weights)}
+            least = numerics.sweeps + MORE_WITHOUT_HISTORY
+            roots = [
+                chebyshev_roots(later, 0.0, top, least),
+                chebyshev_roots(rate, 0.0, top, least + MORE_AT_FIRST),
+            ]
+            counts = np.array([len(values) for values in roots])
+            weights = np.zeros((2, counts.max()), self._dtype)
+            for row, values in zip(weights, roots, strict=True):
+                row[: len(values)] = 1 / values
+            which = fresh.astype(np.int64)
+            self._iterations = {key: (counts[which], weights[which])}
         return self._iterations[key]

@@ -25,7 +25,6 @@ from morphosim.physics.parameters import Physics
 from morphosim.progress import Tell, silent
 from morphosim.scene.cell import Cell
 from morphosim.scene.scene import Scene
-from morphosim.scene.stability import stabilised
 
 VOLUMES = ("surface", "ball", "voxels")
 LEAST_SMOOTHING = 2.0
@@ -84,8 +83,8 @@ def import_labels(
     confinement : Confinement, "image" or None
         None is open space. "image" is a wall around all labels, gaps between them closed.
     physics, numerics : optional
-        See `Scene`. The walls of confinement = "image" are stepped: the default S is then what
-        they need (13 to 16 with the default physics).
+        See `Scene`. The walls of confinement = "image" are stepped, for which an S of 14 to 17 is
+        chosen with the default physics.
     volumes : {"surface", "ball", "voxels"}
         Target volume, where the table has none. "surface": that with which the surface φ = 1/2
         encloses the volume of the label's voxels once the cell has settled among its neighbours
@@ -145,7 +144,6 @@ def import_labels(
         confinement=_confinement(confinement, picture, physics, lattice),
         name=_name(image) if name is None else name,
     )
-    scene = stabilised(scene) if numerics is None else scene
     if volumes != "surface" or not physics.constraint.present:
         return scene
     enclosed = {

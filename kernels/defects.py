@@ -1,0 +1,364 @@
+"""How far a cell is from where it should be: its lag in time, and what stencils and walls leave.
+
+A cell's place is nine lengths in µm: its centroid, and its shape as second moments without their
+trace. An error e of the place obeys the linearised motion, e' = J e + source, as velocities do:
+J is taken as the rate at which the cell's own velocity changes. See `engine.accuracy`.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.columns import SHIFT, gather, row_of
+from morphosim.kernels.frames import (
+    HALO,
+    band_rows,
+    clear,
+    frame_index,
+    load,
+    mirror,
+    strides,
+)
+from morphosim.kernels.stencils import derivative, weighted_neighbours
+
+PLACE = 9
+"""Lengths of a place: the centroid, and the shape's xx, yy, zz, xy, xz, yz."""
+(
+    STEP, BORN, TIME, GAP, FORCE, DECAY, MEASURED, WAY, WALL, N_CLOCK,
+) = range(10)  # fmt: skip
+"""What is known of a cell: the step and the time at which its history began; time of the last look,
+and from the one before to it; velocity to which the force would bring it; by what share velocities
+have changed since its defects were measured, and when that was; way moved, µm; error by walls, µm.
+"""
+LEAST_SPEED = 1e-6
+"""µm per time: slower is rest, of which no rate is taken."""
+MOST_CHANGE = 20.0
+"""Of velocities, from one look to the next."""
+SETTLING = 4.0
+"""A cell's velocity is its force's after so many lags."""
+RARELY = 32
+"""Most steps between two looks at a cell."""
+
+
+@inline_kernel()
+def row_sums(values, first, nz):
+    """Σ φ, Σ φ z and Σ φ z z of one row."""
+    total = along = square = 0.0
+    for z in range(np.uint64(nz)):
+        value, place = np.float64(values[first + z]), np.float64(np.int32(z))
+        total += value
+        along += value * place
+        square += value * place * place
+    return total, along, square
+
+
+@kernel()
+def find_place(i, phi, boxes, spacing, out):
+    """Place of cell i, out (PLACE,), µm."""
+    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
+    all_, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for x in range(boxes.shape[i, 0]):
+        y0, y1 = band_rows(x, i, boxes, False)
+        for y in range(y0, y1):
+            row = np.uint64(boxes.start[i] + (x * ny + y) * nz)
+            total, along, square = row_sums(phi, row, nz)
+            all_ += total
+            sx, sy, sz = sx + total * x, sy + total * y, sz + along
+            xx, yy, zz = xx + total * x * x, yy + total * y * y, zz + square
+            xy, xz, yz = xy + total * x * y, xz + along * x, yz + along * y
+    all_ = max(all_, 1e-30)
+    radius = (3 * all_ / (4 * math.pi)) ** (1 / 3)
+    scale = 5 * spacing / (2 * math.sqrt(3.0) * radius)
+    cx, cy, cz = sx / all_, sy / all_, sz / all_
+    out[0] = (boxes.origin[i, 0] + cx) * spacing
+    out[1] = (boxes.origin[i, 1] + cy) * spacing
+    out[2] = (boxes.origin[i, 2] + cz) * spacing
+    xx, yy, zz = xx / all_ - cx * cx, yy / all_ - cy * cy, zz / all_ - cz * cz
+    mean = (xx + yy + zz) / 3
+    out[3], out[4], out[5] = scale * (xx - mean), scale * (yy - mean), scale * (zz - mean)
+    scale *= math.sqrt(2.0)
+    out[6] = scale * (xy / all_ - cx * cy)
+    out[7] = scale * (xz / all_ - cx * cz)
+    out[8] = scale * (yz / all_ - cy * cz)
+
+
+@parallel_kernel()
+def begin(bounds, order, begins, phi, boxes, spacing, step, time, place, speed, clock):
+    """Begin the history of the cells that `begins` names: they have no velocity yet."""
+    for worker in prange(bounds.shape[0] - 1):
+        for k in range(bounds[worker], bounds[worker + 1]):
+            i = order[k]
+            if begins[i]:
+                find_place(i, phi, boxes, spacing, place[i])
+                speed[i] = 0
+                clock[i, STEP], clock[i, BORN], clock[i, TIME] = step, time, time
+                clock[i, GAP], clock[i, FORCE], clock[i, DECAY] = 0, 0, 1
+                clock[i, MEASURED] = time
+
+
+@inline_kernel()
+def change(now, before):
+    """Ratio of two velocities; 1 at rest."""
+    ratio = (now + LEAST_SPEED) / (before + LEAST_SPEED)
+    return min(max(ratio, 1 / MOST_CHANGE), MOST_CHANGE)
+
+
+@kernel()
+def follow(i, here, gap, time, lags, place, speed, errors, clock):
+    """Carry on the errors of cell i, which is at `here` now."""
+    lag, start_lag, drag, curve = lags[i, 0], lags[i, 1], lags[i, 2], lags[i, 3]
+    first = clock[i, GAP] == 0
+    between = 0.5 * (gap + clock[i, GAP])
+    now = before = force = way = changed = 0.0
+    for k in range(PLACE):
+        velocity = (here[k] - place[i, k]) / gap
+        now += velocity * velocity
+        before += speed[i, k] * speed[i, k]
+        pushed = velocity + lag * (velocity - speed[i, k]) / between
+        force += pushed * pushed
+        changed += (velocity - speed[i, k]) * (velocity - speed[i, k])
+        if k < 3:
+            way += velocity * velocity * gap * gap
+    now, before, force = math.sqrt(now), math.sqrt(before), math.sqrt(force)
+    slow = fast = 1.0
+    if first:
+        force = now
+        if start_lag > 0:
+            lapse = gap / start_lag
+            force = now / max(1 - (1 - math.exp(-lapse)) / lapse, 1e-3)
+        lag, curve = start_lag, 0.0
+    elif time - clock[i, BORN] > SETTLING * lag:
+        slow = fast = change(now, before)
+    else:
+        fast = min(change(force, clock[i, FORCE]), 1.0)
+    lag += curve * min(math.sqrt(changed) / (max(now, LEAST_SPEED) * between), 1 / gap)
+    for k in range(PLACE):
+        velocity = (here[k] - place[i, k]) / gap
+        source = -lag * (velocity - speed[i, k]) - drag * velocity * gap
+        errors[i, 0, k] = slow * errors[i, 0, k] + math.sqrt(slow) * source
+        errors[i, 1, k] = fast * errors[i, 1, k] + math.sqrt(fast) * source
+        place[i, k], speed[i, k] = here[k], velocity
+    clock[i, TIME], clock[i, GAP], clock[i, FORCE] = time, gap, force
+    clock[i, DECAY] *= slow
+    clock[i, WAY] += math.sqrt(way)
+
+
+@inline_kernel()
+def interval(age):
+    """Steps from one look at a cell to the next, by its age in steps: a power of 2."""
+    steps = 1
+    while steps < RARELY and 8 * steps <= age:
+        steps *= 2
+    return steps
+
+
+@parallel_kernel()
+def look(
+    bounds, order, phi, boxes, spacing, step, time, lags, places, place, speed, errors, clock
+):  # fmt: skip
+    """Look at where cells are, and carry on their errors in time.
+
+    Parameters
+    ----------
+    bounds, order : cells of each thread
+    phi, boxes : the fields
+    spacing : float, µm
+    step, time : of the present state
+    lags : (N, 4) lag L of velocities, that of the first step, the share by which time is slow, and
+        what a rate of change adds to L
+    places : (threads, PLACE), overwritten
+    place, speed : (N, PLACE) last places and velocities, updated
+    errors : (N, 2, PLACE) errors, by the slow and by the fast of two rates, µm, updated
+    clock : (N, N_CLOCK), updated
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        here = places[worker]
+        for k in range(bounds[worker], bounds[worker + 1]):
+            i = order[k]
+            gap = time - clock[i, TIME]
+            if gap > 0 and step % interval(step - np.int64(clock[i, STEP])) == 0:
+                find_place(i, phi, boxes, spacing, here)
+                follow(i, here, gap, time, lags, place, speed, errors, clock)
+
+
+@inline_kernel()
+def gradient(field, p, sx, sy, weights, k):
+    """∇ of a frame at point p, by the stencil in row k of `weights`."""
+    c1, c2, c3 = weights[k, 1], weights[k, 2], weights[k, 3]
+    return (
+        derivative(field, p, sx, c1, c2, c3),
+        derivative(field, p, sy, c1, c2, c3),
+        derivative(field, p, np.uint64(1), c1, c2, c3),
+    )
+
+
+@inline_kernel()
+def gradient_force(phi, psi, p, sx, sy, weights, k, pressure, dx, dy, dz):
+    """The part of the force that gradients make: - ∇φ·∇ψ + p |∇φ| + ∇φ·d."""
+    gx, gy, gz = gradient(phi, p, sx, sy, weights, k)
+    total = pressure * np.sqrt(gx * gx + gy * gy + gz * gz)
+    if psi is not None:
+        ux, uy, uz = gradient(psi, p, sx, sy, weights, k)
+        total -= gx * ux + gy * uy + gz * uz
+    if dx is not None:
+        total += gx * dx + gy * dy + gz * dz
+    return total
+
+
+@kernel()
+def row_defects(first, count, phi, psi, sx, sy, weights, gamma, pressure, dx, dy, dz, out):
+    """Σ and Σ z of defects along one row of a frame, and of φ; out (4,).
+
+    Rows are summed in the type of the fields, without which the loop would not be vectorised.
+    """
+    l0, l1, l2, l3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]
+    zero, one = phi.dtype.type(0), phi.dtype.type(1)
+    total, along, mass, mass_along, place = zero, zero, zero, zero, zero
+    for p in range(first, first + np.uint64(count)):
+        value = phi[p]
+        defect = gradient_force(phi, psi, p, sx, sy, weights, 0, pressure, dx, dy, dz)
+        defect -= gradient_force(phi, psi, p, sx, sy, weights, 1, pressure, dx, dy, dz)
+        around = weighted_neighbours(phi, p, sx, sy, np.uint64(1), l1, l2, l3)
+        defect += gamma * (around + (l0 + l0 + l0) * value)
+        total += defect
+        along += defect * place
+        mass += value
+        mass_along += value * place
+        place += one
+    out[0], out[1], out[2], out[3] = total, along, mass, mass_along
+
+
+@kernel()
+def add_defects(i, boxes, whole, phi, psi, weights, gamma, pressure, dx, dy, dz, out):
+    """Sums and first moments of cell i's force by one stencil less that by another, and of φ.
+
+    out (12,), in lattice steps from the first point of the box; the last four are scratch.
+    """
+    sx, sy = strides(i, boxes)
+    out[:] = 0
+    for x in range(boxes.shape[i, 0]):
+        y0, y1 = band_rows(x, i, boxes, whole)
+        for y in range(y0, y1):
+            row_defects(
+                np.uint64(frame_index(x, y, 0, sx, sy)), boxes.shape[i, 2], phi, psi,
+                np.uint64(sx), np.uint64(sy), weights, gamma, pressure, dx, dy, dz, out[8:],
+            )  # fmt: skip
+            for k in range(2):
+                total, along = out[8 + 2 * k], out[9 + 2 * k]
+                out[4 * k] += total
+                out[4 * k + 1] += total * x
+                out[4 * k + 2] += total * y
+                out[4 * k + 3] += along
+
+
+@kernel()
+def pressed_by_walls(i, boxes, columns, phi):
+    """How one-sided walls press cell i: |Σ φ R ∇φ| / Σ φ R |∇φ|; 0 without walls."""
+    ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
+    sx, sy = strides(i, boxes)
+    ux, uy, one = np.uint64(sx), np.uint64(sy), np.uint64(1)
+    columns_y = ((oy + boxes.shape[i, 1] + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
+    px = py = pz = whole = 0.0
+    for x in range(boxes.shape[i, 0]):
+        y0, y1 = band_rows(x, i, boxes, False)
+        lx = ox + HALO + x
+        column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
+        for y in range(y0, y1):
+            ly = oy + HALO + y
+            k = column + (ly >> SHIFT) - (oy >> SHIFT)
+            start, length = columns.cover[k, 0], columns.cover[k, 1]
+            if start < 0:
+                continue
+            wall = start + row_of(lx, ly) * length + columns.cover[k, 2] + HALO
+            first = frame_index(x, y, 0, sx, sy)
+            for z in range(boxes.shape[i, 2]):
+                p = np.uint64(first + z)
+                weight = phi[p] * columns.background[np.uint64(wall + z)]
+                gx = phi[p + ux] - phi[p - ux]
+                gy = phi[p + uy] - phi[p - uy]
+                gz = phi[p + one] - phi[p - one]
+                px += weight * gx
+                py += weight * gy
+                pz += weight * gz
+                whole += weight * math.sqrt(gx * gx + gy * gy + gz * gz)
+    return math.sqrt(px * px + py * py + pz * pz) / max(whole, 1e-9)
+
+
+@kernel()
+def add_up(i, time, rate, sums, defect, drift, clock):
+    """Carry on the error in space of cell i, of whose defect these are the `sums`."""
+    lapse, decay = time - clock[i, MEASURED], clock[i, DECAY]
+    first, mass = clock[i, MEASURED] == clock[i, BORN], max(sums[4], 1e-30)
+    for k in range(3):
+        now = rate * (sums[k + 1] - sums[0] * sums[k + 5] / mass) / mass
+        before = now if first else defect[i, k] * decay
+        drift[i, k] = drift[i, k] * decay + 0.5 * (before + now) * lapse
+        defect[i, k] = now
+    clock[i, MEASURED], clock[i, DECAY] = time, 1.0
+
+
+@kernel()
+def measure_cell(
+    i, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start, pair_potential,
+    frames, weights, rate, wall_error, time, sums, defect, drift, clock, use_psi, use_walls,
+):  # fmt: skip
+    """`measure_defects` of cell i."""
+    field, felt, psi = frames[0], frames[2], choose(frames[1], use_psi)
+    clear(i, boxes, whole, field)
+    load(i, phi, boxes, whole, field)
+    if use_psi is not None:
+        if columns.felt[i]:
+            gather(
+                i, boxes, whole, interaction, columns, pairs_start, pair_potential, field, felt, psi
+            )
+        else:
+            clear(i, boxes, whole, psi)
+    if use_walls is not None:
+        clock[i, WALL] = wall_error * pressed_by_walls(i, boxes, columns, field)
+    if whole:
+        mirror(i, boxes, field)
+    add_defects(
+        i, boxes, whole, field, psi, weights, gamma, pressure, entry(push, i, 0), entry(push, i, 1),
+        entry(push, i, 2), sums,
+    )  # fmt: skip
+    add_up(i, time, rate, sums, defect, drift, clock)
+
+
+@parallel_kernel()
+def measure_defects(
+    bounds, order, due, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start,
+    pair_potential, frames, weights, rates, wall_errors, time, sums, defect, drift, clock, use_psi,
+    use_walls,
+):  # fmt: skip
+    """Measure what stencils and walls do wrong, and carry on the errors in space.
+
+    Parameters
+    ----------
+    bounds, order : cells of each thread
+    due : (N,) bool, cells to look at
+    phi, boxes, interaction, columns : see `layout`; columns are None where nothing acts
+    gamma, pressure : (N,); push : (N, 3) d of d·∇φ, or None; see `CellTerms`
+    whole : bool, whether fields are known beyond the band
+    pairs_start, pair_potential : see `columns.gather`
+    frames : (threads, frames, …) work arrays
+    weights : (3, 4) two first derivatives, and the difference of two second ones, of the points 0
+        to 3 steps away
+    rates : (N,) velocity, µm per time, that a force of 1 makes over one lattice step
+    wall_errors : (N,) µm by which the lattice misplaces a wall for each cell
+    sums : (threads, 12), overwritten
+    defect, drift : (N, 3) velocities by defects, and errors in space, updated
+    clock : (N, N_CLOCK), updated
+    use_psi, use_walls : True, or None where there is no such physics
+    """
+    for worker in prange(bounds.shape[0] - 1):
+        for k in range(bounds[worker], bounds[worker + 1]):
+            i = order[k]
+            if due[i]:
+                measure_cell(
+                    i, phi, boxes, whole, gamma[i], pressure[i], push, interaction, columns,
+                    pairs_start, pair_potential, frames[worker], weights, rates[i], wall_errors[i],
+                    time, sums[worker], defect, drift, clock, use_psi, use_walls,
+                )  # fmt: skip
