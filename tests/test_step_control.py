@@ -80,7 +80,7 @@ def test_what_is_tried_again_is_shorter_and_not_by_too_much(
         assert control.planned == ticks
     else:
         assert shorter is not None
-        assert max(1, int(0.2 * ticks)) <= shorter <= max(1, int(0.7 * ticks)) < ticks
+        assert max(1, int(0.2 * ticks)) <= shorter <= max(1, int(0.64 * ticks)) < ticks
         assert control.planned == shorter
 
 
