@@ -80,7 +80,7 @@ def test_what_is_tried_again_is_shorter_and_not_by_too_much(
         assert control.planned == ticks
     else:
         assert shorter is not None
-        assert max(1, int(0.2 * ticks)) <= shorter <= max(1, int(0.7 * ticks)) < ticks
+        assert max(1, int(0.2 * ticks)) <= shorter <= max(1, int(0.64 * ticks)) < ticks
         assert control.planned == shorter
 
 
@@ -122,11 +122,7 @@ def judged(control: StepControl, changes: list[list[float]], ticks: int, **colum
     """Of two cells, after a step of 32 ticks."""
     table = CellTable((*COLUMNS, Column("fresh", bool)))
     table.add({"name": ["a", "b"]} | columns, ["", ""])
-    verdict = control.judge(np.array(changes), ticks, 32, 0.01, table, np.arange(2))
-    control.note(verdict, ticks, table, np.arange(2))
-    for name in ("speed", "acceleration"):
-        np.testing.assert_array_equal(table[name], getattr(verdict, name))
-    return verdict
+    return control.judge(np.array(changes), ticks, 32, 0.01, table, np.arange(2))
 
 
 def test_speed_and_acceleration_are_those_of_an_interface() -> None:
@@ -160,16 +156,6 @@ def test_a_cell_without_history_tells_no_error() -> None:
     assert verdict.error[0] == 0
     assert verdict.error[1] > 0
     assert np.isnan(verdict.acceleration[0])
-
-
-def test_errors_of_place_add_up_and_die_with_the_speed() -> None:
-    control = StepControl(Numerics(tolerance=10.0, dt=64.0))
-    table = CellTable((*COLUMNS, Column("fresh", bool)))
-    table.add({"name": ["a"], "speed": [0.02], "time_error": [0.5]}, [""])
-    row, ones = np.arange(1), np.ones(1)
-    for speed, error, expected in ((0.04, 0.01, 0.7), (0.01, 0.0, 0.175), (0.0, 0.0, 0.0)):
-        control.note(Verdict(error * ones, speed * ones, ones, ones), 20, table, row)
-        assert table["time_error"][0] == pytest.approx(expected)
 
 
 # --- tolerances that cannot be met ---------------------------------------------------------------

@@ -51,14 +51,16 @@ class Background:
     Attributes
     ----------
     peak : float
-        Largest value on any tile so far.
+        Largest value of all functions together: by what they say, else on any tile so far.
     """
 
     def __init__(
         self, given: Sequence[SpaceTerm], spacing: float, dtype: DTypeLike, everywhere: bool = False
     ) -> None:
         self._given, self._spacing, self._everywhere = given, spacing, everywhere
-        self.peak = 0.0
+        known = [each.most for each in given if each.most is not None]
+        self._known = len(known) == len(given)
+        self.peak = float(sum(known)) if self._known else 0.0
         self._keys = np.array([_LAST])  # sorted
         self._slots = np.array([-1])
         self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
@@ -98,7 +100,8 @@ class Background:
             self._checked(each, np.broadcast_to(each.function(*axes), full)) for each in self._given
         ]
         values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
-        self.peak = max(self.peak, float(values.max()))
+        if not self._known:
+            self.peak = max(self.peak, float(values.max()))
         acts = self._everywhere | (values.reshape(len(keys), -1).max(axis=1) > _ABSENT)
         slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
         tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)

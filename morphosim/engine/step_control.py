@@ -35,8 +35,8 @@ GROWTH, STEADY = 1.4, 1.1
 MOST_RATIO = 2.0
 """Most by which a step is longer than the last, where that was shorter than planned to meet an end:
 two steps in place of three, or one of two, could not come by `GROWTH` alone."""
-LEAST_SHARE, MOST_SHARE = 0.2, 0.7
-"""Bounds of a step that is tried again, in the length before."""
+LEAST_SHARE = 0.2
+"""Least length of a step that is tried again, in the length before."""
 FARTHEST = 0.5
 """Farthest that interfaces should move in a step, in lattice spacings: the band follows by one."""
 FIRST, FIRST_TOLERANCE = PARTS // 4, 20.0
@@ -134,7 +134,7 @@ class StepControl:
         if ticks == 1 or (excess <= MOST_EXCESS and reach <= 2 * FARTHEST):
             return None
         share = SAFETY * min(excess**-0.5 if excess > 0 else 1.0, FARTHEST / max(reach, FARTHEST))
-        self.planned = max(int(ticks * min(max(share, LEAST_SHARE), MOST_SHARE)), 1)
+        self.planned = max(int(ticks * max(share, LEAST_SHARE)), 1)
         return self.planned
 
     def plan(self, ticks: int, excess: float, reach: float) -> None:

@@ -66,7 +66,8 @@ class ConfinementRepulsion(Term):
         if walls is not None:
             gamma = float(f"{environment.tension:.{SIGNIFICANT}g}")
             function = wall_repulsion(walls, self.g_e, gamma, numerics)
-            environment.add_wall(self, function, walls, gamma)
+            most = wall_strength(walls, self.g_e, gamma, numerics)
+            environment.add_wall(self, function, walls, gamma, most=most)
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """g_e φ_e² at most, and what cells that are there add."""

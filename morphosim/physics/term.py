@@ -115,6 +115,8 @@ class SpaceTerm(NamedTuple):
     function: SpaceFunction
     key: tuple[Any, ...]
     """What it depends on."""
+    most: float | None = None
+    """Its largest value, if that is known."""
 
 
 @dataclass(slots=True)
@@ -145,12 +147,16 @@ class Environment:
 
     __repr__ = short_repr
 
-    def add_wall(self, term: "Term", function: SpaceFunction, *depends: Any) -> None:
-        """Add R(x, y, z) ≥ 0, a function of points in µm.
+    def add_wall(
+        self, term: "Term", function: SpaceFunction, *depends: Any, most: float | None = None
+    ) -> None:
+        """Add R(x, y, z) ≥ 0, a function of points in µm, and `most`, its largest value.
 
         It is evaluated again only if the term, or something else that it `depends` on, changes.
+        The iterations of "linearised" depend on the largest R. Without `most` that is the largest
+        where cells have been, which ranks and runs that go on may not know in full.
         """
-        self.walls.append(SpaceTerm(term.name, function, (term, *depends)))
+        self.walls.append(SpaceTerm(term.name, function, (term, *depends), most))
 
     def add_potential(self, term: "Term", function: SpaceFunction, *depends: Any) -> None:
         """Add ψ(x, y, z), likewise. Where it is linear, a cell drifts with the velocity ∇ψ/τ."""

@@ -193,15 +193,19 @@ def test_what_a_cell_feels_is_in_its_step() -> None:
     np.testing.assert_allclose(with_others.new, alone.new, rtol=1e-12, atol=1e-14)
 
 
-def test_a_cell_that_is_nowhere_has_no_pressure() -> None:
-    """There 0 / 0 would be its loss."""
+def test_a_cell_that_is_nowhere_stays_so() -> None:
+    """There the loss of its pressure would be 0 / 0."""
     tried = Tried(linearised_setting())
     setting = tried.setting
-    band_of(setting.boxes, 0)[:] = setting.boxes.shape[0, 1], 0
+    for pool in (setting.phi, setting.history):
+        box(pool, setting.boxes, 0)[:] = 0
+    band_of(setting.boxes, 0)[3:5] = 2, 6
     tried.attempt("python")
     tried.take("python")
+    assert setting.surveys[0, BAD] == 0
     assert tried.totals[0] == setting.surveys[0, TOTAL] == setting.surveys[0, CORE] == 0
     assert (tried.changes[0] == 0).all()
+    assert (band_of(setting.boxes, 0)[:, 0] >= band_of(setting.boxes, 0)[:, 1]).all()
 
 
 # --- steps that are taken ------------------------------------------------------------------------

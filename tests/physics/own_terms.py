@@ -128,7 +128,10 @@ class Floor(Term):
 
     def surround(self, environment: Any) -> None:
         """Add R."""
-        environment.add_wall(self, lambda x, y, z: self.strength * (z < self.height) + 0 * (x + y))
+        environment.add_wall(
+            self, lambda x, y, z: self.strength * (z < self.height) + 0 * (x + y),
+            most=self.strength,
+        )  # fmt: skip
 
     def explicit_rate(self, conditions: Any) -> float:
         """R at most."""
