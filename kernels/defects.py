@@ -208,7 +208,7 @@ def gradient_force(phi, psi, p, sx, sy, weights, k, pressure, dx, dy, dz):
     return total
 
 
-@kernel()
+@inline_kernel()
 def row_defects(first, count, phi, psi, sx, sy, weights, gamma, pressure, dx, dy, dz, out):
     """Σ and Σ z of defects along one row of a frame, and of φ; out (4,).
 
@@ -231,7 +231,7 @@ def row_defects(first, count, phi, psi, sx, sy, weights, gamma, pressure, dx, dy
     out[0], out[1], out[2], out[3] = total, along, mass, mass_along
 
 
-@kernel()
+@inline_kernel()
 def add_defects(i, boxes, whole, phi, psi, weights, gamma, pressure, dx, dy, dz, out):
     """Sums and first moments of cell i's force by one stencil less that by another, and of φ.
 
@@ -254,7 +254,7 @@ def add_defects(i, boxes, whole, phi, psi, weights, gamma, pressure, dx, dy, dz,
                 out[4 * k + 3] += along
 
 
-@kernel()
+@inline_kernel()
 def pressed_by_walls(i, boxes, columns, phi):
     """How one-sided walls press cell i: |Σ φ R ∇φ| / Σ φ R |∇φ|; 0 without walls."""
     ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
@@ -287,7 +287,7 @@ def pressed_by_walls(i, boxes, columns, phi):
     return math.sqrt(px * px + py * py + pz * pz) / max(whole, 1e-9)
 
 
-@kernel()
+@inline_kernel()
 def add_up(i, time, rate, sums, defect, drift, clock):
     """Carry on the error in space of cell i, of whose defect these are the `sums`."""
     lapse, decay = time - clock[i, MEASURED], clock[i, DECAY]
@@ -300,7 +300,7 @@ def add_up(i, time, rate, sums, defect, drift, clock):
     clock[i, MEASURED], clock[i, DECAY] = time, 1.0
 
 
-@kernel()
+@inline_kernel()
 def measure_cell(
     i, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start, pair_potential,
     frames, weights, rate, wall_error, time, sums, defect, drift, clock, use_psi, use_walls,
@@ -327,13 +327,17 @@ def measure_cell(
     add_up(i, time, rate, sums, defect, drift, clock)
 
 
-@parallel_kernel()
+@kernel()
 def measure_defects(
     bounds, order, due, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start,
     pair_potential, frames, weights, rates, wall_errors, time, sums, defect, drift, clock, use_psi,
     use_walls,
 ):  # fmt: skip
     """Measure what stencils and walls do wrong, and carry on the errors in space.
+
+    On one thread, as it is rare, and with all that it calls inlined: Numba optimises what is called
+    once more with each caller, and of sums as long as these the last bit would depend on whether
+    they have just been compiled or come from the cache.
 
     Parameters
     ----------
@@ -353,7 +357,7 @@ def measure_defects(
     clock : (N, N_CLOCK), updated
     use_psi, use_walls : True, or None where there is no such physics
     """
-    for worker in prange(bounds.shape[0] - 1):
+    for worker in range(bounds.shape[0] - 1):
         for k in range(bounds[worker], bounds[worker + 1]):
             i = order[k]
             if due[i]:
