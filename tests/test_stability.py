@@ -554,3 +554,16 @@ def test_what_is_shown_says_whether_S_is_chosen() -> None:
     assert "S = 7" in repr(pair().with_numerics(S=7.0))
     assert "3.64 (chosen)" in repr(Simulation(pair()))
     assert "(chosen)" not in repr(Simulation(pair().with_numerics(S=7.0)))
+
+
+def test_velocities_do_not_flip_from_step_to_step_where_S_is_chosen() -> None:
+    # A quasi-steady stage ends at the first local minimum of v̄, so there may be one alone.
+    simulation = Simulation(built_in_scene("celegans-8", {"numerics.tolerance": 10.0}))
+    places = [simulation.centroids]
+    for check in range(1, 61):
+        simulation.run(until=10.0 * check)
+        places.append(simulation.centroids)
+    moved = np.linalg.norm(np.diff(places, axis=0), axis=2)
+    rises = np.diff(np.sqrt((moved**2).mean(axis=1))) > 0
+    assert rises.any()
+    assert rises[np.argmax(rises) :].all()
