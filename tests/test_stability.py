@@ -178,8 +178,8 @@ def test_walls_that_do_not_press_need_less() -> None:
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (pressed(S=2.0), ("numerics.S = 2", "at least 4.4", "dt = 2", "walls 6.52")),
-        (pressed(walls="stepped", S=6.0), ("at least 13.4", "walls 18.5", "walls = 'resolved'")),
+        (pressed(S=2.0), ("numerics.S = 2", "at least 4.4", "dt = 2", "walls 6.61")),
+        (pressed(walls="stepped", S=6.0), ("at least 12.9", "walls 17.9", "walls = 'resolved'")),
         (with_6(pair(M=30.0)), ("numerics.S = 6", "(volume constraint 22.5)", "at least 15.6")),
         (with_6(pair(g=100.0)), ("numerics.S = 6", "at least 74.5")),
         (with_6(pair(gamma=4.0)), ("numerics.S = 6", "double well 16")),
@@ -554,6 +554,7 @@ def test_what_is_shown_says_whether_S_is_chosen() -> None:
     assert "S = 7" in repr(pair().with_numerics(S=7.0))
     assert "3.64 (chosen)" in repr(Simulation(pair()))
     assert "(chosen)" not in repr(Simulation(pair().with_numerics(S=7.0)))
+    assert "(chosen)" not in repr(Simulation(pair().with_numerics(tolerance=5.0)))
 
 
 def test_velocities_do_not_flip_from_step_to_step_where_S_is_chosen() -> None:
