@@ -106,13 +106,14 @@ def limits() -> list[dict[str, Any]]:
         for variant, numerics in LEAST_S.items():
             if scene.confinement is None and "walls" in numerics:
                 continue
+            chosen = scene.with_numerics(**numerics)
             rows.append(
                 {
                     "scene": name,
                     "numerics": variant,
                     "least S, dct": least_S(scene, until, **numerics),
                     "least S, band": least_S(scene, until, solver="band", **numerics),
-                    "formula": stability.least_S(scene.with_numerics(**numerics)),
+                    "formula": stability.least_S(chosen, stability.pressing(chosen)),
                 }
             )
     return rows

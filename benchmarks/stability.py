@@ -246,7 +246,7 @@ HEAD = """# Stability
 
 Measured by `benchmarks/stability.py`; see [choosing numerics](choosing-numerics.md). First the
 smallest stable S of the eight-cell embryo, in brackets what `morphosim.scene.stability.least_S`
-asks for; then how far single parameters go at two presets.
+asks for; then how far single parameters go at two presets: at `standard` S is chosen for each.
 
 """
 LIMIT_PRESETS = ("standard", "published")

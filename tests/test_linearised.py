@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from morphosim import Attraction, BoxWalls, Column, Term
+from morphosim import Attraction, Column, Term
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine
 from morphosim.engine.solvers.linearised import LinearisedSolver
 from morphosim.engine.step_control import FIRST
-from morphosim.geometry.confinement import Confinement
+from morphosim.geometry.confinement import Confinement, EllipsoidShell
 from morphosim.physics.term import Forces, Step
 from morphosim.physics.volume_constraint import VolumeConstraint
 
@@ -295,7 +295,7 @@ def test_boxes_move_with_cells_whose_steps_differ() -> None:
 
 def test_steps_are_the_same_whether_or_not_the_process_has_seen_a_wall() -> None:
     """Iterations depend on the strongest repulsion that there may be, not on what has been met."""
-    walls = BoxWalls(lower=(-2.6, -40.0, -40.0), upper=(60.0, 40.0, 40.0))
+    walls = EllipsoidShell(center=(90, 0, 0), semi_axes=(93, 99, 99), width=1.0)
     engine = adhering(BALLS[:2], shell=walls, dt=4.0, tolerance=100.0, box_tolerance=1e-3)
     engine.set_physics(replace(engine.physics, g_e=16.0, terms=[Wind(v=0.2)]))
     *_, engine = run(engine, 50 * 16)

@@ -62,6 +62,23 @@ def fine():
     return course(pair(dt=0.25, S=3.0))
 
 
+def test_a_place_is_the_centroid_and_second_moments_without_their_trace():
+    shape = Ellipsoid(center=(0.3, -0.2, 0.1), semi_axes=(4.5, 3.0, 2.6))
+    cell = Cell(name="a", shape=shape)
+    simulation = Simulation(Scene(cells=[cell], numerics=fast(), duration=1000.0))
+    simulation.run(until=4)
+    place, h, (field,) = simulation.column("error_place")[0], 0.5, list(simulation.fields)
+    points = np.stack(np.meshgrid(*map(np.arange, field.phi.shape), indexing="ij"), -1) * h
+    weight = field.phi.astype(float) / field.phi.sum(dtype=float)
+    centre = np.tensordot(weight, points, 3)
+    moments = np.einsum("xyz,xyzi,xyzj->ij", weight, points - centre, points - centre)
+    moments -= np.eye(3) * np.trace(moments) / 3
+    radius = (3 * float(simulation.volumes[0]) / (4 * np.pi)) ** (1 / 3)
+    np.testing.assert_allclose(place[:3], simulation.centroids[0], atol=1e-6)
+    expected = moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] * [1, 1, 1, *[np.sqrt(2)] * 3]
+    np.testing.assert_allclose(place[3:], expected * 5 / (2 * np.sqrt(3) * radius), atol=1e-5)
+
+
 SCHEMES = (
     {},
     {"dt": 4.0},

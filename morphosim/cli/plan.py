@@ -50,7 +50,8 @@ def _stability(scene: Scene, S: float) -> str:
         limit = f"S = {S:.3g}, at least {stability.least_S(scene):.3g}"
         expected = "is expected to be needed"
         if numerics.S is None:
-            limit, expected = f"S = {S:.3g}", "is chosen, and anew when physics or cells change"
+            limit = "S" if numerics.tolerance is not None else f"S = {S:.3g}"
+            expected = "is chosen, and anew when physics or cells change"
     return "; ".join([f"{limit} {expected}", *stability.concerns(scene, S)])
 
 

@@ -31,8 +31,6 @@ DIFFUSENESS = 0.3
 """a of the logistic wall, in lattice spacings."""
 STRONGEST = {"explicit": 4.0, "implicit": 16.0}
 """g' at most of a resolved wall, in γ/h²; by how the scheme takes it."""
-TOUCHED, PRESSED = 0.7, 1.0
-"""Measured additions to the wall's rate where cells touch it, and where they are pressed to it."""
 SIGNIFICANT = 9
 """Digits of the mean surface tension that count, so that its rounding makes no new wall."""
 
@@ -70,12 +68,11 @@ class ConfinementRepulsion(Term):
             environment.add_wall(self, function, walls, gamma, most=most)
 
     def explicit_rate(self, conditions: Conditions) -> float:
-        """g_e φ_e² at most, and what cells that are there add."""
+        """g_e φ_e² at most."""
         walls, numerics = conditions.confinement, conditions.numerics
         if walls is None or conditions.linearised:
             return 0.0
-        strength = wall_strength(walls, self.g_e, conditions.mean_tension, numerics)
-        return strength + TOUCHED + conditions.pressing * (PRESSED - TOUCHED)
+        return wall_strength(walls, self.g_e, conditions.mean_tension, numerics)
 
 
 def wall_repulsion(

@@ -155,12 +155,19 @@ class Simulation(State):
         return {
             "cells": f"{len(self.names)}: {_shown.listed(self.names)}",
             "steps": f"{self.steps} of {self.scene.numerics.step_text}",
-            "S": f"{self.S:.3g}{'' if self.scene.numerics.S is not None else ' (chosen)'}",
+            "S": self._S_text(),
             "stage": self.stage,
             "removed": _shown.listed(removed),
             "last event": self.events[-1][1] if self.events else "",
             "error": self.error,
         }
+
+    def _S_text(self) -> str:
+        """S, and whether it is chosen; "" where it follows from the length of each step."""
+        numerics = self.scene.numerics
+        if numerics.S is None and numerics.tolerance is not None:
+            return ""
+        return f"{self.S:.3g}{' (chosen)' if numerics.S is None else ''}"
 
     def _make_engine(self) -> Engine:
         """Engine without cells."""

@@ -51,7 +51,7 @@ class State(Changes):
 
     @property
     def S(self) -> float:
-        """The stabilisation at work: that of the numerics, or what has been chosen."""
+        """The stabilisation at work, at a step δt: that of the numerics, or what is chosen."""
         return self.engine.S
 
     @property

@@ -165,7 +165,7 @@ def test_what_empty_fields_show(store: Store) -> None:
     assert "δt = 2 · S = 12 · stepped walls" in published["text"]
     inside = np.ones((40, 40, 40), bool)
     walled = two_cells(confinement=MaskWalls(inside=inside, origin=(-10, -10, -10), spacing=0.5))
-    assert facts(walled)["numerics"]["draft"]["S"] == "17 (chosen)"
+    assert facts(walled)["numerics"]["draft"]["S"] == "16 (chosen)"
     assert facts(walled.with_numerics(S=6.0))["numerics"][OWN]["S"] == "6"
 
 
