@@ -256,7 +256,7 @@ def add_defects(i, boxes, whole, phi, psi, weights, gamma, pressure, dx, dy, dz,
 
 @inline_kernel()
 def pressed_by_walls(i, boxes, columns, phi):
-    """How one-sided walls press cell i: |Σ φ R ∇φ| / Σ φ R |∇φ|; 0 without walls."""
+    """How one-sided walls press cell i: |Σ φ R ∇φ| / Σ |φ R ∇φ|; 0 without walls."""
     ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
     sx, sy = strides(i, boxes)
     ux, uy, one = np.uint64(sx), np.uint64(sy), np.uint64(1)
@@ -283,7 +283,7 @@ def pressed_by_walls(i, boxes, columns, phi):
                 px += weight * gx
                 py += weight * gy
                 pz += weight * gz
-                whole += weight * math.sqrt(gx * gx + gy * gy + gz * gz)
+                whole += abs(weight) * math.sqrt(gx * gx + gy * gy + gz * gz)
     return math.sqrt(px * px + py * py + pz * pz) / max(whole, 1e-9)
 
 
