@@ -89,8 +89,20 @@ class StepControl:
         self._tick, self._spacing = numerics.tick, numerics.spacing
         tolerance = numerics.tolerance or 0.0
         self._allowed = tolerance * NANOMETRES
-        self.first = max(int(FIRST * min(tolerance / FIRST_TOLERANCE, 1.0) ** 0.5), 1)
-        self.planned, self.missed = self.first, 0
+        self._first = max(int(FIRST * min(tolerance / FIRST_TOLERANCE, 1.0) ** 0.5), 1)
+        self.missed = 0
+        self.hold(False)
+        self.planned = self.first
+
+    def hold(self, noise: bool) -> None:
+        """Keep to steps of δt where there is noise, from the first on; let them be free otherwise.
+
+        After a shorter one, which ends at a save say, they grow to δt again as others do.
+        """
+        self._longest = PARTS if noise else LONGEST * PARTS
+        self.first = PARTS if noise else self._first
+        if noise and self.planned == self._first:
+            self.planned = PARTS
 
     def fit(self, most: int, fresh: bool) -> int:
         """Length of the next step, of which equal ones meet the last of `most` ticks.
@@ -146,4 +158,4 @@ class StepControl:
         if 1 <= share < STEADY:
             share = 1.0
         wanted = int(np.ceil(ticks * share)) if share > 1 else int(ticks * share)
-        self.planned = min(max(wanted, 1), LONGEST * PARTS)
+        self.planned = min(max(wanted, 1), self._longest)

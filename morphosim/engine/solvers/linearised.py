@@ -19,7 +19,7 @@ from morphosim.numerics.chebyshev import (
     chebyshev_roots,
     largest_eigenvalue,
 )
-from morphosim.numerics.parameters import PARTS, Numerics
+from morphosim.numerics.parameters import Numerics
 from morphosim.numerics.schemes import stabilisation
 from morphosim.physics.parameters import Physics
 
@@ -79,6 +79,8 @@ class LinearisedSolver:
         """See `Solver`."""
         self._tau, self._c, self._rate = physics.tau, physics.c, explicit_rate
         self._random = any(term.random for term in physics.active_terms)
+        if self._control is not None:
+            self._control.hold(self._random)
         self._stiffest = float(present.max()) if len(present) else 0.0
         self._iterations: dict[Any, tuple[NDArray, NDArray]] = {}
 
@@ -106,9 +108,7 @@ class LinearisedSolver:
         """See `Solver`."""
         if self._control is None:
             return 1
-        if self._random:  # steps of δt: noise is no error, and tells none
-            self._control.planned = PARTS
-        return self._control.fit(most, fresh and not self._random)
+        return self._control.fit(most, fresh)
 
     def make_ready(self, ticks: int, pool: BoxPool, schedule: Schedule) -> bool:
         """See `Solver`: lay φ* for a step of so many ticks."""
