@@ -1,7 +1,5 @@
 """Errors that a run states of itself, against true ones."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -19,6 +17,7 @@ from morphosim import (
     open_run,
 )
 from morphosim.cli.run_facts import run_facts
+from morphosim.engine import accuracy
 from morphosim.engine.accuracy import Errors
 
 WITHIN = 3.0
@@ -108,9 +107,11 @@ def test_error_of_shape_is_that_against_short_steps():
     assert float(simulation.errors.time[0]) < 1  # the centroid stays where it is
 
 
-def test_error_in_space_is_that_of_stencils():
-    """That of second order is its distance from sixth order, which itself states far less."""
-    (found, errors), (true, less) = (course(pair(order=k), (96.0,))[0] for k in (2, 6))
+def test_error_in_space_is_that_against_a_finer_lattice():
+    steps = {"dt": 1.0, "S": 12.0}
+    (found, errors), (true, less) = (
+        course(pair(spacing=h, **steps), (96.0,))[0] for h in (0.75, 0.375)
+    )
     assert 1 / WITHIN < rms(errors.space) / distance(found, true) < WITHIN
     assert rms(less.space) < 0.5 * rms(errors.space)
 
@@ -162,11 +163,13 @@ def test_daughters_have_their_mothers_error_and_begin_anew():
     simulation = Simulation(pair(dt=4.0))
     simulation.run(until=40)
     before = simulation.errors
+    gone = before.way.copy()
     simulation.divide("a", ("a1", "a2"), axis=(1, 0, 0))
     after = simulation.errors
     assert after.time.tolist() == [before.time[1], before.time[0], before.time[0]]
     assert after.way[1:].tolist() == [0, 0]
     simulation.run(until=44)
+    assert np.array_equal(before.way, gone)  # what was told stays
     assert simulation.errors.time[1:].max() > 1.5 * before.time[0]  # new cells move, and lag
 
 
@@ -196,13 +199,11 @@ def test_a_lattice_is_too_coarse_by_its_error_and_the_way_that_cells_have_gone(s
         assert "Take spacing = 0.36" in text
 
 
-def test_a_run_warns_once_of_a_lattice_that_is_too_coarse():
-    scene = pair(order=2, spacing=2 / 3).with_physics(sigma=1.5)
-    simulation = Simulation(scene)
-    with pytest.warns(ResolutionWarning, match=r"numerics.spacing = 0.66\d* µm does not resolve"):
-        simulation.run(until=300)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        simulation.run(until=304)
-    finer = Simulation(scene.with_numerics(order=6, spacing=0.5))
-    finer.run(until=300)  # warnings are errors here
+def test_a_run_warns_once_of_a_lattice_that_is_too_coarse(monkeypatch):
+    simulation = Simulation(pair())
+    simulation.run(until=16)  # warnings are errors here
+    monkeypatch.setattr(accuracy, "COARSE", 1e-4)
+    monkeypatch.setattr(accuracy, "OF_THE_WAY", 1e-6)
+    with pytest.warns(ResolutionWarning, match="spacing = 0.5 µm does not resolve this scene"):
+        simulation.run(until=20)
+    simulation.run(until=24)

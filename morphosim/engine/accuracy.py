@@ -36,6 +36,7 @@ from morphosim.engine.scheduling import Schedule
 from morphosim.engine.solvers.solver import StepState
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.defects import (
+    BORN,
     DECAY,
     MEASURED,
     N_CLOCK,
@@ -124,8 +125,8 @@ class Errors:
             time=FLOOR_TIME + 1e3 * _lengths(in_time[:, :, :3]),
             shape=FLOOR_TIME + 1e3 * _lengths(in_time[:, :, 3:]),
             space=FLOOR_SPACE * numerics.box_tolerance + 1e3 * np.sqrt(sum(parts)),
-            boxes=column("face_peak"),
-            way=clock[:, WAY],
+            boxes=column("face_peak").copy(),
+            way=clock[:, WAY].copy(),
         )
 
     def too_coarse(self, spacing: float) -> str:
@@ -194,7 +195,10 @@ class Accuracy:
             self._begin(pool, schedule, cells, step, time)
         if step >= self._next_defects:
             self._find_due(cells["error_clock"], step)
+            clock = cells["error_clock"]
+            lapse, first = time - clock[:, MEASURED], clock[:, MEASURED] == clock[:, BORN]
             self._measure(state, cells, time)
+            self._limit(cells, np.where(first, lapse, 0.5 * lapse))
             self._plan_defects(step)
 
     def _begin(
@@ -222,6 +226,15 @@ class Accuracy:
         """Cells whose defects are to be looked at now."""
         age = step - clock[:, STEP]
         self._due[:] = np.isin(age, AGES) | ((age > 0) & (step % LONGEST == 0))
+
+    def _limit(self, cells: CellTable, lapse: Floats) -> None:
+        """Have errors in space grow no faster than cells move: at rest, so is the true cell."""
+        defect, speeds = cells["error_defect"], cells["error_speed"][:, :3]
+        size, speed = np.linalg.norm(defect, axis=1), np.linalg.norm(speeds, axis=1)
+        excess = np.where(self._due, 1 - np.minimum(speed / np.maximum(size, 1e-30), 1), 0)
+        too_much = defect * excess[:, None]
+        cells["error_space"][:] -= too_much * lapse[:, None]
+        defect -= too_much
 
     def _measure(self, state: StepState, cells: CellTable, time: float) -> None:
         coupling, terms = state.coupling, state.terms

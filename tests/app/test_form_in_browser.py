@@ -88,7 +88,7 @@ def test_values_that_are_typed_are_those_of_the_scene(page: "Page", folder: Path
     assert not scene.physics.attraction.pairs
 
     means = page.locator("#preset_means")
-    for preset, text in (("draft", "δt = 4 · S = 6"), ("published", "S = 12 · stepped walls")):
+    for preset, text in (("draft", "δt = 4 · S = "), ("published", "S = 12 · stepped walls")):
         choose(page, "Preset", preset)
         means.filter(has_text=text).wait_for()
         wait(page, f"state.preset === '{preset}' && state.S === '' && state.walls === ''")
