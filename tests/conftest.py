@@ -15,6 +15,7 @@ def _heard_signals() -> None:
 @pytest.fixture
 def own_variables() -> Iterator[None]:
     """What a test declares by `measured` is not there for others."""
+    import morphosim.runs.measured_state  # noqa: F401  (which declares those of every run)
     from morphosim.measure.variable import MEASURED
 
     before = dict(MEASURED)
