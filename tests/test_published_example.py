@@ -34,6 +34,7 @@ def rows(name: str, time: str) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file) if row["time"] == time]
 
 
+@pytest.mark.filterwarnings("ignore::morphosim.ResolutionWarning")  # of stepped walls, and right
 def test_centroids_volumes_and_contacts_at_t_100(scene: Scene) -> None:
     simulation = Simulation(scene)
     simulation.run(until=100)

@@ -99,7 +99,7 @@ def preset_text(numerics: dict[str, Any], S: float | None = None) -> str:
         other = {key: value for key, value in said.items() if preset.get(key) != value}
         found.append((name, other))
     name, other = min(found, key=lambda pair: len(pair[1]))
-    is_chosen = S is not None and said["S"] is None and "tolerance" not in said
+    is_chosen = S is not None and said["S"] is None and said["tolerance"] is None
     chosen = f"; S = {S:.3g} (chosen)" if is_chosen else ""
     return (f"{name}, with {listing(other)}" if other else name) + chosen
 
