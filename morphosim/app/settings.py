@@ -201,7 +201,10 @@ def S_text(scene: Scene, numerics: Numerics) -> str:
     """S that a scene has with these numerics."""
     if numerics.S is not None:
         return exact(numerics.S)
-    return f"{chosen_S(replace(scene, numerics=numerics)):.2g} (chosen)"
+    try:
+        return f"{chosen_S(replace(scene, numerics=numerics)):.2g} (chosen)"
+    except ValueError:  # this lattice does not resolve a cell: a run with it is refused, and says so
+        return "chosen"
 
 
 def exact(value: float) -> str:

@@ -172,8 +172,8 @@ def test_what_a_preset_may_do_wrong_is_said_in_the_report(page: "Page") -> None:
     page.get_by_role("button", name="Built-in scene").click()
     choose(page, "Scene", "celegans-8-strong")
     wait(page, "state.fits && state.loaded === 'celegans-8-strong' && !state.reading")
-    choose(page, "Scene", "celegans-8")
-    wait(page, "state.fits && state.loaded === 'celegans-8' && !state.reading")
+    choose(page, "Scene", "celegans-1-to-8")  # daughters will press the walls
+    wait(page, "state.fits && state.loaded === 'celegans-1-to-8' && !state.reading")
     choose(page, "Preset", "published")
     fill(page, **{"Time": "4", "Saving interval": "4"})
     page.get_by_role("button", name="Run", exact=True).click()
