@@ -203,7 +203,7 @@ def S_text(scene: Scene, numerics: Numerics) -> str:
         return exact(numerics.S)
     try:
         return f"{chosen_S(replace(scene, numerics=numerics)):.2g} (chosen)"
-    except ValueError:  # this lattice does not resolve a cell: a run with it is refused, and says so
+    except ValueError:  # this lattice does not resolve a cell; a run with it says so
         return "chosen"
 
 
