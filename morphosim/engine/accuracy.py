@@ -4,7 +4,7 @@ A cell's place is its centroid and its shape (second moments without their trace
 makes a known error per step. In Eq. 9, S acts as inertia: velocities v follow forces with the lag
 L = S δt²/τ, so that an error e of the place obeys e' = J e - L v', J the motion linearised, and
 begins with -L v after a stabilised first step. Eq. 8 slows time by 1 + S δt/τ, e' = J e - S δt/τ v,
-and explicit Euler has L = δt/2. To S adds what the double well makes explicitly, `WELL` γ c;
+and explicit Euler has L = δt/2. To S adds what the double well makes explicitly, `SHIFT` γ c;
 "linearised" has that implicit, and of S what a diffusion s = S/2c makes of the interface. Backward
 differences add δt²/3 v'', which is taken as δt²/3 |v'|/|v| v'.
 
@@ -50,14 +50,12 @@ from morphosim.kernels.defects import (
     measure_defects,
 )
 from morphosim.numerics.parameters import FITTED, Numerics
-from morphosim.numerics.schemes import stabilisation
+from morphosim.numerics.schemes import SHIFT, used_S
 from morphosim.numerics.stencils import stencil_weights
 from morphosim.physics.confinement_repulsion import is_resolved, wall_strength
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
-WELL = 0.4
-"""∫ (φ'')² / ∫ (φ')² of the interface, over c: what an explicit double well adds to S, in γ c."""
 SHARE = 0.3
 """Error of the sixth-order gradient at √(c/2) h = 0.5, over its difference from the fourth-order
 one, as it acts on centroids; it grows as h². Measured with tenth order: 0.17 to 0.38."""
@@ -175,7 +173,7 @@ class Accuracy:
     ) -> None:
         """Take over parameters, surface tensions (N,), and the rate of what is explicit."""
         numerics, count = self._numerics, len(tensions)
-        self._tau, self._rate, self._well = physics.tau, rate, WELL * tensions * physics.c
+        self._tau, self._rate, self._well = physics.tau, rate, SHIFT * tensions * physics.c
         sharpness = (2 * physics.interface_scale * numerics.spacing) ** 2
         share = self._share * (1.0 if numerics.order in (2, 4) else sharpness)
         self._rates = np.full(count, share * numerics.spacing / physics.tau)
@@ -270,16 +268,14 @@ class Accuracy:
     def _find_lags(self, dt: float) -> None:
         """Lags of velocities; see `kernels.defects.look`."""
         numerics, lags = self._numerics, self._lags
-        S = numerics.S
-        if S is None:
-            S = stabilisation(self._rate, dt, self._tau, numerics.scheme)
+        S = used_S(numerics, self._tau, self._rate, dt)
         if numerics.scheme == "euler":
             lags[:, 0] = dt / 2
         elif numerics.scheme == "imex1":
             lags[:, 2] = (S + self._well) * dt / self._tau
         else:
             implicit = numerics.scheme == "linearised"
-            inertia = WELL / 2 * S if implicit else S + self._well
+            inertia = SHIFT / 2 * S if implicit else S + self._well
             lags[:, 0] = inertia * dt**2 / self._tau
             start_S = None if implicit else numerics.start_S
             lags[:, 1] = lags[:, 0] if start_S is None else start_S * dt**2 / self._tau

@@ -13,6 +13,9 @@ from morphosim.numerics.parameters import Numerics
 
 SHARES = {"bdf2": 0.75, "imex1": 0.5, "linearised": 1.05}
 """S per rate of what is explicit, by scheme; "euler" has no S."""
+SHIFT = 0.4
+"""∫ φ''² / ∫ φ'² in c, of the interface's profile: what -Δ is for a shift of it, and what an
+explicit double well adds to S, in γ c."""
 
 
 def stabilisation(rate: float, dt: float, tau: float, scheme: str = "bdf2") -> float:
@@ -33,11 +36,11 @@ def stabilisation(rate: float, dt: float, tau: float, scheme: str = "bdf2") -> f
     return max(0.0, SHARES[scheme] * rate - tau / dt) if scheme in SHARES else 0.0
 
 
-def used_S(numerics: Numerics, tau: float, rate: float) -> float:
-    """S of a run: what the numerics say, else what the explicit rate needs."""
+def used_S(numerics: Numerics, tau: float, rate: float, dt: float | None = None) -> float:
+    """S of a step, by default of δt: what the numerics say, else what the explicit rate needs."""
     if numerics.S is not None:
         return numerics.S
-    return stabilisation(rate, numerics.dt, tau, numerics.scheme)
+    return stabilisation(rate, numerics.dt if dt is None else dt, tau, numerics.scheme)
 
 
 def coefficients(numerics: Numerics, tau: float, S: float, first: bool) -> dict[str, float]:

@@ -20,7 +20,7 @@ from morphosim.numerics.chebyshev import (
     largest_eigenvalue,
 )
 from morphosim.numerics.parameters import Numerics
-from morphosim.numerics.schemes import stabilisation
+from morphosim.numerics.schemes import SHIFT, used_S
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
@@ -32,8 +32,6 @@ MORE_AT_FIRST = 8
 extrapolation has left."""
 WELL = 5.0
 """Largest W'' that fields come to, in c: that at φ = -0.2 and 1.2."""
-SHIFT = 0.4
-"""∫ φ''² / ∫ φ'² in c, of the interface's profile: what -Δ is for a shift of it."""
 
 
 def make(numerics: Numerics, dtype: np.dtype, threads: int) -> Solver:
@@ -198,12 +196,9 @@ class LinearisedSolver:
         )  # fmt: skip
 
     def _spread(self, ticks: int) -> float:
-        """S of a step: by -s Δ a shift of the interface's tail is damped as by S."""
-        numerics = self._numerics
-        S = numerics.S
-        if S is None:
-            S = stabilisation(self._rate, ticks * numerics.tick, self._tau, numerics.scheme)
-        return S / (2 * self._c)
+        """The stabilisation s of a step: by -s Δ the interface's tail is damped as by S."""
+        length = ticks * self._numerics.tick
+        return used_S(self._numerics, self._tau, self._rate, length) / (2 * self._c)
 
     def _weights(
         self, fresh: NDArray[np.bool_], rate: float, later: float, state: StepState
