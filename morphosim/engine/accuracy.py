@@ -5,7 +5,7 @@ makes a known error per step. In Eq. 9, S acts as inertia: velocities v follow f
 L = S δt²/τ, so that an error e of the place obeys e' = J e - L v', J the motion linearised, and
 begins with -L v after a stabilised first step. Eq. 8 slows time by 1 + S δt/τ, e' = J e - S δt/τ v,
 and explicit Euler has L = δt/2. To S adds what the double well makes explicitly, `SHIFT` γ c;
-"linearised" has that implicit, and of S what a diffusion s = S/2c makes of the interface. Backward
+"linearised" has that implicit, and of S what its diffusion s makes of the interface. Backward
 differences add δt²/3 v'', which is taken as δt²/3 |v'|/|v| v'.
 
 Velocities obey v' = J v, so J is taken as the rate at which the cell's own velocity changes, all
@@ -50,7 +50,7 @@ from morphosim.kernels.defects import (
     measure_defects,
 )
 from morphosim.numerics.parameters import FITTED, Numerics
-from morphosim.numerics.schemes import SHIFT, used_S
+from morphosim.numerics.schemes import SHIFT, diffusion, used_S
 from morphosim.numerics.stencils import stencil_weights
 from morphosim.physics.confinement_repulsion import is_resolved, wall_strength
 from morphosim.physics.parameters import Physics
@@ -169,11 +169,28 @@ class Accuracy:
         self._places, self._sums = np.zeros((threads, PLACE)), np.zeros((threads, 12))
 
     def set_up(
-        self, physics: Physics, tensions: Floats, rate: float, confinement: Confinement | None
+        self,
+        physics: Physics,
+        tensions: Floats,
+        largest: float,
+        rate: float,
+        confinement: Confinement | None,
     ) -> None:
-        """Take over parameters, surface tensions (N,), and the rate of what is explicit."""
+        """Take over parameters.
+
+        Parameters
+        ----------
+        physics : Physics
+        tensions : (N,) surface tensions γ
+        largest : float
+            That of all cells of the simulation.
+        rate : float
+            Of what is explicit.
+        confinement : Confinement, optional
+        """
         numerics, count = self._numerics, len(tensions)
-        self._tau, self._rate, self._well = physics.tau, rate, SHIFT * tensions * physics.c
+        self._c, self._tau, self._rate, self._largest = physics.c, physics.tau, rate, largest
+        self._well = SHIFT * tensions * physics.c
         sharpness = (2 * physics.interface_scale * numerics.spacing) ** 2
         share = self._share * (1.0 if numerics.order in (2, 4) else sharpness)
         self._rates = np.full(count, share * numerics.spacing / physics.tau)
@@ -274,10 +291,11 @@ class Accuracy:
         elif numerics.scheme == "imex1":
             lags[:, 2] = (S + self._well) * dt / self._tau
         else:
-            implicit = numerics.scheme == "linearised"
-            inertia = SHIFT / 2 * S if implicit else S + self._well
+            inertia, start_S = S + self._well, numerics.start_S
+            if numerics.scheme == "linearised":
+                s = diffusion(numerics, self._c, self._tau, self._rate, dt, self._largest)
+                inertia, start_S = SHIFT * self._c * s, None
             lags[:, 0] = inertia * dt**2 / self._tau
-            start_S = None if implicit else numerics.start_S
             lags[:, 1] = lags[:, 0] if start_S is None else start_S * dt**2 / self._tau
             lags[:, 3] = dt**2 / 3
 

@@ -373,7 +373,9 @@ class Engine(CellView):
         n = len(cells)
         self._forces = Forces(np.zeros(n), np.zeros((n, 3)), np.zeros(n))
         self._values = self._cell_terms(tensions)
-        self._accuracy.set_up(physics, tensions, self.explicit_rate, self.confinement)
+        self._accuracy.set_up(
+            physics, tensions, float(all_tensions.max()), self.explicit_rate, self.confinement
+        )
         self._first, self._later = self._scheme(True), self._scheme(False)
 
     def _cell_terms(self, tensions: NDArray[np.float64]) -> CellTerms:

@@ -9,6 +9,9 @@ memory. Without history it is φⁿ, and takes more iterations. Explicit Euler i
 weight δt/τ from φⁿ with lhs = 0 and the right-hand side F.
 """
 
+import numpy as np
+
+from morphosim.numerics.chebyshev import CONVERGENCE, largest_eigenvalue
 from morphosim.numerics.parameters import Numerics
 
 SHARES = {"bdf2": 0.75, "imex1": 0.5, "linearised": 1.05}
@@ -16,6 +19,9 @@ SHARES = {"bdf2": 0.75, "imex1": 0.5, "linearised": 1.05}
 SHIFT = 0.4
 """∫ φ''² / ∫ φ'² in c, of the interface's profile: what -Δ is for a shift of it, and what an
 explicit double well adds to S, in γ c."""
+SOLVED_ORDER = 2
+"""Order of the Laplacian that "linearised" takes implicitly, in its iterations. Forces have that of
+the numerics: a higher one gains nothing here, and takes more iterations of twice the work."""
 
 
 def stabilisation(rate: float, dt: float, tau: float, scheme: str = "bdf2") -> float:
@@ -41,6 +47,33 @@ def used_S(numerics: Numerics, tau: float, rate: float, dt: float | None = None)
     if numerics.S is not None:
         return numerics.S
     return stabilisation(rate, numerics.dt if dt is None else dt, tau, numerics.scheme)
+
+
+def diffusion(
+    numerics: Numerics, c: float, tau: float, rate: float, dt: float, tension: float
+) -> float:
+    """s of "linearised", which takes -(γ + s) Δ implicitly: an interface's tail is damped as by S.
+
+    It is no less than what the finest waves need, of which the Laplacian of the forces makes more
+    than that of the iterations: with Λ and Λ₂ for -Δ by the two, and iterations that leave up to a
+    share ε of u, φⁿ⁺¹ = -φⁿ does not grow if 4 (γ + s) Λ₂ > 3 (1 + ε) γ Λ.
+
+    Parameters
+    ----------
+    numerics : Numerics
+    c : float
+        Strength of the double well.
+    tau, rate, dt : float
+        See `used_S`.
+    tension : float
+        γ, the largest of the cells.
+    """
+    forces, solved = (
+        largest_eigenvalue(order, numerics.spacing, np.sqrt(c / 2))
+        for order in (numerics.order, SOLVED_ORDER)
+    )
+    least = tension * (0.75 * (1 + CONVERGENCE) * forces / solved - 1)
+    return max(used_S(numerics, tau, rate, dt) / (2 * c), least)
 
 
 def coefficients(numerics: Numerics, tau: float, S: float, first: bool) -> dict[str, float]:

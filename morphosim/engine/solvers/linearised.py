@@ -20,13 +20,10 @@ from morphosim.numerics.chebyshev import (
     largest_eigenvalue,
 )
 from morphosim.numerics.parameters import Numerics
-from morphosim.numerics.schemes import SHIFT, used_S
+from morphosim.numerics.schemes import SHIFT, SOLVED_ORDER, diffusion
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
-SOLVED_ORDER = 2
-"""Order of the iterations' stencil. They solve for u alone, and forces have the scene's order: a
-higher one gains nothing, and takes more iterations of twice the work."""
 MORE_AT_FIRST = 8
 """More iterations of a cell without history: u is all its motion then, and not what an
 extrapolation has left."""
@@ -196,9 +193,9 @@ class LinearisedSolver:
         )  # fmt: skip
 
     def _spread(self, ticks: int) -> float:
-        """The stabilisation s of a step: by -s Δ the interface's tail is damped as by S."""
+        """The stabilisation s of a step, -s Δ."""
         length = ticks * self._numerics.tick
-        return used_S(self._numerics, self._tau, self._rate, length) / (2 * self._c)
+        return diffusion(self._numerics, self._c, self._tau, self._rate, length, self._stiffest)
 
     def _weights(
         self, fresh: NDArray[np.bool_], rate: float, later: float, state: StepState
