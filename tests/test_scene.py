@@ -517,11 +517,26 @@ def test_sisters_move_as_pairs_of_the_same_attraction_do() -> None:
 
 
 def test_presets_are_numerics_with_changes() -> None:
-    assert Numerics.preset("standard") == Numerics()
-    assert Numerics.preset("fast") == Numerics(solver="band")
+    standard = Numerics.preset("standard", threads=1)
+    assert standard == Numerics(tolerance=10.0, order="fitted", solver="band", threads=1)
     assert Numerics.preset("published", threads=1) == Numerics(S=12.0, walls="stepped", threads=1)
     with pytest.raises(ValueError, match=r"preset = 'quick' is not known; .*'draft'"):
         Numerics.preset("quick")
+
+
+@pytest.mark.parametrize("changes", [{"dt": 2.0}, {"scheme": "imex1"}, {"scheme": "linearised"}])
+def test_the_tolerance_of_a_preset_gives_way_to_steps_of_the_users(
+    changes: dict[str, Any], tmp_path: Path
+) -> None:
+    fixed = Numerics(solver="band", order="fitted", spacing=0.6, box_tolerance=3e-3, **changes)
+    assert Numerics.preset("fast", **changes) == fixed
+    assert Numerics.preset("fast", tolerance=5.0, dt=1.0).tolerance == 5.0
+    save_scene(Scene(cells=[ball()]), tmp_path / "scene.toml")
+    overrides = {f"numerics.{key}": value for key, value in changes.items()}
+    assert (
+        load_scene(tmp_path / "scene.toml", {"numerics.preset": "fast"} | overrides).numerics
+        == fixed
+    )
 
 
 def test_a_preset_replaces_the_numerics_of_a_file(tmp_path: Path) -> None:
@@ -530,7 +545,6 @@ def test_a_preset_replaces_the_numerics_of_a_file(tmp_path: Path) -> None:
         '[numerics]\npreset = "draft"\ndt = 3.0\nseed = 5\n'
         '[[cells]]\nname = "a"\nshape = { kind = "sphere", center = [0, 0, 0], radius = 4 }\n'
     )
-    draft = Numerics.preset("draft")
-    assert load_scene(path).numerics == replace(draft, dt=3.0, seed=5)
+    assert load_scene(path).numerics == Numerics.preset("draft", dt=3.0, seed=5)
     changed = load_scene(path, {"numerics.S": 9.0, "numerics.preset": "published"})
     assert changed.numerics == Numerics.preset("published", S=9.0, seed=5)

@@ -25,7 +25,7 @@ TIMES = (16.0, 48.0, 96.0)
 
 
 def fast(**changes):
-    return Numerics.preset("fast", threads=1, **changes)
+    return Numerics(solver="band", threads=1, **changes)
 
 
 def pair(**numerics):

@@ -90,12 +90,13 @@ def listing(table: dict[str, Any]) -> str:
 
 
 def preset_text(numerics: dict[str, Any], S: float | None = None) -> str:
-    """The preset that numerics are nearest to, how they differ from it, and the S chosen."""
+    """The preset, or the defaults, that are nearest, how numerics differ, and the S chosen."""
     known = {f.name: None for f in fields(Numerics) if f.default is None}  # tables leave it out
     said = {key: v for key, v in (known | numerics).items() if key not in ANY_PRESET}
     found = []
-    for name in PRESETS:
-        preset = asdict(Numerics.preset(name))
+    candidates = {"defaults": Numerics()} | {name: Numerics.preset(name) for name in PRESETS}
+    for name, candidate in candidates.items():
+        preset = asdict(candidate)
         other = {key: value for key, value in said.items() if preset.get(key) != value}
         found.append((name, other))
     name, other = min(found, key=lambda pair: len(pair[1]))

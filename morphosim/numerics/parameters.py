@@ -1,5 +1,6 @@
 """How the equations are solved: the knobs that trade speed for accuracy."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -26,14 +27,31 @@ PARTS, LONGEST = 64, 16
 """With a tolerance steps last from δt / PARTS, which is a tick, to LONGEST δt."""
 MOST_TICKS = MOST_STEPS * PARTS
 LARGEST_TOLERANCE = 1000.0
+BAND: dict[str, Any] = {"solver": "band", "order": FITTED}
+"""What presets with a tolerance share; the solver is that of fixed steps."""
 PRESETS: dict[str, dict[str, Any]] = {
-    "draft": {"dt": 4.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
-    "fast": {"solver": "band"},
-    "standard": {},
-    "reference": {"dt": 0.5, "spacing": 1 / 3},
+    "draft": BAND | {"tolerance": 50.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
+    "fast": BAND | {"tolerance": 20.0, "spacing": 0.6, "box_tolerance": 3e-3},
+    "standard": BAND | {"tolerance": 10.0},
+    "reference": BAND | {"tolerance": 1.0, "spacing": 1 / 3},
     "published": {"S": 12.0, "walls": "stepped"},
 }
 """What differs from the defaults; measured by `benchmarks/accuracy.py`."""
+
+
+def preset_values(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """What differs from the defaults in a preset with changes.
+
+    The tolerance of a preset gives way to a `dt` or a `scheme` among the changes.
+
+    Raises
+    ------
+    ValueError
+        The name is not known.
+    """
+    _validate.choice("preset", name, tuple(PRESETS))
+    gives_way = ("tolerance",) if {"dt", "scheme"} & changes.keys() else ()
+    return {k: v for k, v in PRESETS[name].items() if k not in gives_way} | dict(changes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,13 +182,19 @@ class Numerics:
         """Numerics of a known accuracy and speed.
 
         Error of the eight-cell embryo's centroids (root mean square) at t = 480, and time relative
-        to "standard", measured by `benchmarks/accuracy.py`:
+        to "standard", measured by `benchmarks/accuracy.py --front`:
 
-        - "draft": h = 2/3 µm, δt = 4, box tolerance 3e-3; 66 nm, 0.26 times
-        - "fast": "standard" with the band solver; within 3 nm of it, 0.5 times
-        - "standard": the defaults; 24 nm
-        - "reference": h = 1/3 µm, δt = 0.5; 2.4 nm, 15 times
-        - "published": S = 12, stepped walls, as the published program; 102 nm, 1.2 times
+        - "draft": tolerance 50, h = 2/3 µm, box tolerance 3e-3; 51 nm, 0.27 times
+        - "fast": tolerance 20, h = 0.6 µm, box tolerance 3e-3; 29 nm, 0.44 times
+        - "standard": tolerance 10, h = 0.5 µm; 15 nm
+        - "reference": tolerance 1, h = 1/3 µm; 2.8 nm, 6 times
+        - "published": fixed steps of Eq. 9, δt = 2, S = 12, stepped walls, order 6, as the
+          published program; 102 nm, 4 times
+
+        All but the last have gradients fitted to the interface. Their tolerance gives way to a
+        `dt` or a `scheme` that is given: steps are fixed then, and the solver is "band". The
+        defaults, `Numerics()`, are no preset: Eq. 9 with fixed steps, solved exactly; 24 nm, 4
+        times.
 
         Parameters
         ----------
@@ -183,8 +207,7 @@ class Numerics:
         ValueError
             The name is not known, or a value is out of range.
         """
-        _validate.choice("preset", name, tuple(PRESETS))
-        return cls(**(PRESETS[name] | changes))
+        return cls(**preset_values(name, changes))
 
     @property
     def active_solver(self) -> str:

@@ -1,12 +1,11 @@
 """Physics, numerics and cells as plain tables, and back: what scene files and saved states say."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from morphosim import _validate
-from morphosim.numerics.parameters import Numerics
+from morphosim.numerics.parameters import Numerics, preset_values
 from morphosim.physics.attraction import Attraction
 from morphosim.physics.parameters import Physics
 from morphosim.physics.term import Term
@@ -20,8 +19,9 @@ def numerics_of(table: Mapping[str, Any]) -> Numerics:
     """Numerics from a table; `preset` names what the other values differ from."""
     _validate.keys("numerics", table, ["preset", *_validate.names_of(Numerics)])
     values = dict(table)
-    chosen = Numerics.preset(values.pop("preset", "standard"))
-    numerics: Numerics = build(Numerics, asdict(chosen) | values, "numerics")
+    if "preset" in values:
+        values = preset_values(values.pop("preset"), values)
+    numerics: Numerics = build(Numerics, values, "numerics")
     return numerics
 
 

@@ -266,16 +266,14 @@ def pairs_of(scene: dict[str, Any]) -> list[Any]:
 
 
 @uses("Preset")
-def test_presets_bring_their_time_step(page: "Page") -> None:
+def test_presets_bring_their_tolerance(page: "Page") -> None:
     show_scene(page)
-    before = page.get_by_label("Time step δt", exact=True).input_value()
-    steps = {}
-    for preset in ("fast", "standard", "fast"):
+    for preset, tolerance in (("fast", "20"), ("published", ""), ("draft", "50")):
         choose(page, "Preset", preset)
-        wait(page, f"state.preset === '{preset}'")
-        steps[preset] = page.get_by_label("Time step δt", exact=True).input_value()
+        wait(page, f"state.preset === '{preset}' && state.tolerance === '{tolerance}'")
+        assert page.get_by_label("Tolerance, nm", exact=True).input_value() == tolerance
     choose(page, "Preset", "as the scene says")
-    wait(page, f"state.dt === '{before}'")
+    wait(page, "state.tolerance === ''")
 
 
 def read_many(page: "Page") -> None:

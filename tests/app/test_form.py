@@ -146,7 +146,11 @@ def test_steps_follow_from_the_tolerance_or_are_fixed(store: Store) -> None:
     save_scene(two_cells(numerics=said), store.root / "two.toml")
     controlled = load_scene(store.root / "two.toml")
     found = facts(controlled)["numerics"]
-    assert (found[OWN]["tolerance"], found["reference"]["tolerance"]) == ("2.5", "")
+    assert [found[name]["tolerance"] for name in (OWN, "reference", "published")] == [
+        "2.5",
+        "1",
+        "",
+    ]
     assert (
         "linearised · lattice 0.5 µm · tolerance 2.5 nm, δt from 0.03125 to 32"
         in found[OWN]["text"]
@@ -165,7 +169,7 @@ def test_what_empty_fields_show(store: Store) -> None:
     assert "δt = 2 · S = 12 · stepped walls" in published["text"]
     inside = np.ones((40, 40, 40), bool)
     walled = two_cells(confinement=MaskWalls(inside=inside, origin=(-10, -10, -10), spacing=0.5))
-    assert facts(walled)["numerics"]["draft"]["S"] == "16 (chosen)"
+    assert facts(walled)["numerics"][OWN]["S"] == "15 (chosen)"
     assert facts(walled.with_numerics(S=6.0))["numerics"][OWN]["S"] == "6"
 
 
@@ -266,7 +270,7 @@ def test_a_preset_shows_what_it_means_and_is_not_mixed_with_the_one_before(store
     shown, state = filled(store)
     state.update(S="20", walls="stepped", preset="draft")
     shown.show_preset()
-    assert (state.dt, state.S, state.walls) == ("4", "", "")
+    assert (state.tolerance, state.dt, state.S, state.walls) == ("50", "2", "", "")
     state.preset = None  # as a list is that has been emptied
     shown.show_preset()
     assert state.preset == OWN
@@ -274,7 +278,7 @@ def test_a_preset_shows_what_it_means_and_is_not_mixed_with_the_one_before(store
     (store.root / state.run_name / "file").touch()
     shown.take_cure()
     assert (state.preset, state.dt, state.run_name) == ("standard", "2", "runs/celegans-8-2")
-    assert shown.settings().scene(store).numerics == Numerics()
+    assert shown.settings().scene(store).numerics == Numerics.preset("standard")
 
 
 def test_a_source_that_fails_leaves_the_form_as_it_is(store: Store) -> None:

@@ -88,7 +88,10 @@ def test_values_that_are_typed_are_those_of_the_scene(page: "Page", folder: Path
     assert not scene.physics.attraction.pairs
 
     means = page.locator("#preset_means")
-    for preset, text in (("draft", "δt = 4 · S = "), ("published", "S = 12 · stepped walls")):
+    for preset, text in (
+        ("draft", "tolerance 50 nm, δt from 0.03125 to 32 · S = "),
+        ("published", "S = 12 · stepped walls"),
+    ):
         choose(page, "Preset", preset)
         means.filter(has_text=text).wait_for()
         wait(page, f"state.preset === '{preset}' && state.S === '' && state.walls === ''")
@@ -184,8 +187,8 @@ def test_what_a_preset_may_do_wrong_is_said_in_the_report(page: "Page") -> None:
     assert page.locator(".warnings").count() == 0
     remark.get_by_role("button", name="Take standard").click()
     wait(page, f"state.preset === 'standard' && state.run_name !== '{first}'")
-    fill(page, **{"S": "1"})
+    fill(page, **{"S": "0.5"})
     page.get_by_role("button", name="Run", exact=True).click()
-    page.locator(".warnings").filter(has_text="numerics.S = 1 may diverge").wait_for()
+    page.locator(".warnings").filter(has_text="numerics.S = 0.5 may diverge").wait_for()
     wait(page, "state.status === 'idle' && (state.run_note || state.run_error)")
     assert page.locator(".remarks").count() == 0

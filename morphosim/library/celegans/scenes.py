@@ -84,7 +84,7 @@ def celegans_1_to_102(measured: Collection[str] = (), **options: Any) -> Scene:
     named: dict[str, Any] = {
         "name": "celegans-1-to-102",
         "description": "C. elegans from one to 102 cells in 24 division groups",
-        "numerics": Numerics.preset("fast", dt=1.5),
+        "numerics": Numerics.preset("fast"),
     }
     early = first_eight(lineage, True, measured)
     early[-1] = replace(early[-1], end=Steady(), limit=EQUILIBRIUM_LIMIT)
