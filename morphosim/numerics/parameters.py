@@ -33,7 +33,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "draft": BAND | {"tolerance": 50.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
     "fast": BAND | {"tolerance": 20.0, "spacing": 0.6, "box_tolerance": 3e-3},
     "standard": BAND | {"tolerance": 10.0},
-    "reference": BAND | {"tolerance": 1.0, "spacing": 1 / 3},
+    "reference": BAND | {"tolerance": 0.5, "spacing": 1 / 3},
     "published": {"S": 12.0, "walls": "stepped"},
 }
 """What differs from the defaults; measured by `benchmarks/accuracy.py`."""
@@ -187,7 +187,7 @@ class Numerics:
         - "draft": tolerance 50, h = 2/3 µm, box tolerance 3e-3; 51 nm, 0.27 times
         - "fast": tolerance 20, h = 0.6 µm, box tolerance 3e-3; 29 nm, 0.44 times
         - "standard": tolerance 10, h = 0.5 µm; 15 nm
-        - "reference": tolerance 1, h = 1/3 µm; 2.8 nm, 6 times
+        - "reference": tolerance 0.5, h = 1/3 µm; 2.1 nm, 8 times
         - "published": fixed steps of Eq. 9, δt = 2, S = 12, stepped walls, order 6, as the
           published program; 102 nm, 4 times
 
