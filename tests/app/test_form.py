@@ -146,11 +146,8 @@ def test_steps_follow_from_the_tolerance_or_are_fixed(store: Store) -> None:
     save_scene(two_cells(numerics=said), store.root / "two.toml")
     controlled = load_scene(store.root / "two.toml")
     found = facts(controlled)["numerics"]
-    assert [found[name]["tolerance"] for name in (OWN, "reference", "published")] == [
-        "2.5",
-        "1",
-        "",
-    ]
+    shown = [found[name]["tolerance"] for name in (OWN, "reference", "published")]
+    assert shown == ["2.5", "0.5", ""]
     assert (
         "linearised · lattice 0.5 µm · tolerance 2.5 nm, δt from 0.03125 to 32"
         in found[OWN]["text"]
