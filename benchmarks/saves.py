@@ -1,21 +1,20 @@
 """What saving costs: time of a save in steps, its share of a run, and the sizes of the files.
 
-Run as `python benchmarks/saves.py`; about two minutes. Steps and saves of a scene alternate; the
-times are medians. The share is that of a run that saves every 100 steps. The last columns are
-the time to open the saves as one Dataset, and to read the fields of one.
+Run as `python benchmarks/saves.py`; about two minutes. Steps, all δt long, and saves of a scene
+alternate; the times are medians. The share is that of a run that saves every 100 steps. The last
+columns are the time to open the saves as one Dataset, and to read the fields of one.
 """
 
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from _common import arguments, packed_scene, report
 
-from morphosim import Numerics, RunWriter, Scene, Simulation, built_in_scene, load_fields, open_run
+from morphosim import RunWriter, Scene, Simulation, built_in_scene, load_fields, open_run
 
 SETTLING = 24
 STEPS = 8
@@ -52,7 +51,7 @@ def row(name: str, scene: Scene, saves: int) -> dict[str, Any]:
     step, write = np.median(steps), np.median(writes)
     return {
         "scene": name,
-        "preset": "fast" if scene.numerics.solver == "band" else "standard",
+        "solver": scene.numerics.solver,
         "ms per step": 1e3 * step,
         "ms per save": 1e3 * write,
         "save, in steps": write / step,
@@ -68,13 +67,12 @@ def main() -> None:
     """Measure and report."""
     options = arguments(__doc__, saves=15, many=1000)
     rows = []
-    for preset in ("standard", "fast"):
-        embryo = replace(built_in_scene("celegans-8"), numerics=Numerics.preset(preset))
+    for solver in ("dct", "band"):
+        embryo = built_in_scene("celegans-8", {"numerics.solver": solver})
         rows.append(row("embryo, 8 cells", embryo, options.saves))
         for cells in (100, options.many):
-            rows.append(
-                row(f"{cells} packed cells", packed_scene(cells, preset=preset), options.saves)
-            )
+            packed = packed_scene(cells, solver=solver)
+            rows.append(row(f"{cells} packed cells", packed, options.saves))
     report(rows, options.json)
 
 

@@ -1,4 +1,8 @@
-"""Where a machine stands: time per step, memory per cell, bandwidth; behind `morphosim bench`."""
+"""Where a machine stands: time per step and of whole runs, memory, bandwidth.
+
+Behind `morphosim bench`. Solvers are compared by steps of one length; presets, whose steps are as
+long as a tolerance allows, by whole runs.
+"""
 
 import os
 import time
@@ -23,9 +27,15 @@ from morphosim.simulation.simulation import Simulation
 
 CELLS = 100
 PACKED_DT = 1.5
-PACKED_PRESETS = ("standard", "fast")
 EMBRYO = "celegans-8"
-EMBRYO_PRESETS = ("draft", "fast", "standard")
+BY_SOLVER: dict[str, dict[str, Any]] = {
+    "dct": {"solver": "dct"}, "band": {"solver": "band"}, "linearised": {"scheme": "linearised"},
+}  # fmt: skip
+"""Numerics by solver, with which all steps are δt long."""
+RUN_PRESETS = ("draft", "fast", "standard")
+"""Presets that take the embryo to its end."""
+COMPILING = 3
+"""Steps that compile all that a whole run needs."""
 SETTLING = 12
 """Steps before the timing: all kernels are compiled, fields and boxes settled."""
 TURN = 0.1
@@ -43,42 +53,40 @@ MEASURED: dict[str, str | float | None] = {
     "machine": "2 virtual cores of an AMD EPYC (Zen 4), shared with others",
     "copy, 1 thread, GB/s": 21.2,
     "copy, 2 threads, GB/s": 21.5,
-    "100 cells, standard, 1 thread, ms per step": 39.2,
-    "100 cells, standard, 2 threads, ms per step": 26.8,
-    "100 cells, fast, 1 thread, ms per step": 19.0,
-    "100 cells, fast, 2 threads, ms per step": 12.6,
-    "celegans-8, draft, 1 thread, ms per step": 4.99,
-    "celegans-8, draft, 2 threads, ms per step": 3.23,
-    "celegans-8, fast, 1 thread, ms per step": 6.37,
-    "celegans-8, fast, 2 threads, ms per step": 4.23,
-    "celegans-8, standard, 1 thread, ms per step": 13.1,
-    "celegans-8, standard, 2 threads, ms per step": 9.11,
+    "100 cells, dct, 1 thread, ms per step": 39.2,
+    "100 cells, dct, 2 threads, ms per step": 26.8,
+    "100 cells, band, 1 thread, ms per step": 19.0,
+    "100 cells, band, 2 threads, ms per step": 12.6,
+    "100 cells, linearised, 1 thread, ms per step": None,
+    "100 cells, linearised, 2 threads, ms per step": None,
+    "celegans-8, dct, 1 thread, ms per step": 13.1,
+    "celegans-8, dct, 2 threads, ms per step": 9.11,
+    "celegans-8, band, 1 thread, ms per step": 6.37,
+    "celegans-8, band, 2 threads, ms per step": 4.23,
+    "celegans-8, linearised, 1 thread, ms per step": None,
+    "celegans-8, linearised, 2 threads, ms per step": None,
+    "celegans-8 to t = 15000, preset draft, 2 threads, s": None,
+    "celegans-8 to t = 15000, preset fast, 2 threads, s": None,
+    "celegans-8 to t = 15000, preset standard, 2 threads, s": None,
 }
 """What `morphosim bench` gave on the developers' machine; None: not measured, not shown."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One scene with one preset and number of threads."""
+    """One scene with one solver and number of threads."""
 
     scene: str
-    preset: str
     simulation: Simulation
-
-    @property
-    def threads(self) -> int:
-        """Number of threads."""
-        return self.simulation.engine.workers
 
     def row(self, seconds: float) -> dict[str, Any]:
         """One line of the table; `seconds` is the time of a step."""
         cells, numerics = len(self.simulation.cells), self.simulation.scene.numerics
         return {
             "scene": self.scene,
-            "preset": self.preset,
-            "solver": numerics.solver,
+            "solver": numerics.active_solver,
             "dt": numerics.dt,
-            "threads": self.threads,
+            "threads": self.simulation.engine.workers,
             "ms per step": 1e3 * seconds,
             "us per cell and step": 1e6 * seconds / cells,
             "MB per cell": self.simulation.engine.nbytes / cells / 1e6,
@@ -88,12 +96,16 @@ class Variant:
 def measure(
     seconds: float = 60.0, threads: int = 0, tell: TellWhat | None = None
 ) -> dict[str, Any]:
-    """Time packed cells and the embryo, on one thread and on all, in turn in this process.
+    """Time steps of packed cells and of the embryo, and the embryo to its end.
+
+    Steps are timed on one thread and on all, in turn in this process; the whole runs follow, on
+    all threads.
 
     Parameters
     ----------
     seconds : float
-        About how long to time, after compilation. Every variant has at least six turns.
+        About how long to time steps, after compilation. Every variant has at least six turns. The
+        whole runs come on top: some 3600 steps of the embryo.
     threads : int
         Number of threads to compare with one; 0 takes all the processors available.
     tell : function of (what, done, of), optional
@@ -103,8 +115,8 @@ def measure(
     -------
     dict
         "machine", "load at start", "copy, GB/s" by number of threads, "rows" (medians), "ratios"
-        of one thread to all, and "estimates" of whole runs on all threads. It can be written as
-        JSON.
+        of one thread to all, "runs" (measured), and "estimates" of the paper's Table 1 on all
+        threads, whose steps are all of one length. It can be written as JSON.
 
     Raises
     ------
@@ -138,6 +150,7 @@ def measure(
         "copy, GB/s": bandwidth,
         "rows": rows,
         "ratios": _ratios(rows, workers),
+        "runs": [whole_run(preset, workers, say) for preset in RUN_PRESETS],
         "estimates": _estimates([row for row in rows if row["threads"] == workers]),
     }
 
@@ -156,19 +169,20 @@ def text(result: Mapping[str, Any]) -> str:
         )
     lines += ["", table(result["rows"]), ""]
     lines += [
-        f"{r['scene']}, {r['preset']}: {_threads(r['threads'])} against 1: {r['times']:.2f} times"
+        f"{r['scene']}, {r['solver']}: {_threads(r['threads'])} against 1: {r['times']:.2f} times"
         for r in result["ratios"]
     ]
+    lines += [
+        f"{r['scene']} to t = {r['end']:g}, preset {r['preset']}: {r['s']:.3g} s on "
+        f"{_threads(r['threads'])} ({r['steps']} steps)"
+        for r in result["runs"]
+    ]
     estimates = result["estimates"]
-    on = f"on {_threads(estimates['threads'])}"
-    for preset, duration in estimates["embryo, s"].items():
-        end = estimates["embryo, end"]
-        lines.append(f"embryo to t = {end:g}, {preset}: {duration:.0f} s {on}")
-    for preset, minutes in estimates["packed, min"].items():
-        lines.append(
-            f"{CELLS} cells, {estimates['packed, steps']} steps (Table 1 of the paper; steps "
-            f"inferred), {preset}: {minutes:.1f} min {on}"
-        )
+    lines += [
+        f"{CELLS} cells, {estimates['steps']} steps (Table 1 of the paper; steps inferred), "
+        f"{solver}: {minutes:.1f} min on {_threads(estimates['threads'])}"
+        for solver, minutes in estimates["min"].items()
+    ]
     published = [
         f"{TABLE_1[name]:g} min on a {name}" for name in TABLE_1 if name != "minutes in vivo"
     ]
@@ -181,6 +195,30 @@ def text(result: Mapping[str, Any]) -> str:
             for name, value in known.items()
         ]
     return "\n".join(lines)
+
+
+def whole_run(preset: str, threads: int, say: TellWhat = silent) -> dict[str, Any]:
+    """Take the embryo to its end with a preset, and time it; compilation is not counted."""
+    numerics = Numerics.preset(preset, threads=threads)
+    scene = replace(built_in_scene(EMBRYO), numerics=numerics)
+    Simulation(scene).step(COMPILING)
+    simulation, last = Simulation(scene), numerics.ticks_to(scene.duration)
+
+    def tell(*ticks: int) -> None:
+        done, of = (round(tick * numerics.tick) for tick in ticks)
+        say(f"{EMBRYO}, preset {preset}, t", done, of)
+
+    begin = time.perf_counter()
+    simulation.step_to(last, tell)
+    seconds = time.perf_counter() - begin
+    return {
+        "scene": EMBRYO,
+        "preset": preset,
+        "end": simulation.time,
+        "threads": simulation.engine.workers,
+        "steps": simulation.steps,
+        "s": seconds,
+    }
 
 
 def copy_bandwidth(threads: int = 1, megabytes: int = 256, copies: int = 5) -> float:
@@ -207,9 +245,7 @@ def packed_points(count: int, radius: float) -> NDArray[np.float64]:
     return np.asarray(points[np.argsort(offsets, kind="stable")[:count]])
 
 
-def packed_scene(
-    count: int, radius: float = 4.0, preset: str = "standard", **numerics: Any
-) -> Scene:
+def packed_scene(count: int, radius: float = 4.0, **numerics: Any) -> Scene:
     """Close-packed cells without a shell, σ = 0.5 for all, δt = 1.5."""
     cells = [
         Cell(name=f"c{k}", shape=Sphere(center=point, radius=radius))
@@ -217,7 +253,7 @@ def packed_scene(
     ]
     return Scene(
         cells=cells, physics=Physics(sigma=0.5),
-        numerics=Numerics.preset(preset, **({"dt": PACKED_DT} | numerics)),
+        numerics=Numerics(**({"dt": PACKED_DT} | numerics)),
     )  # fmt: skip
 
 
@@ -283,13 +319,12 @@ def _threads(count: int) -> str:
 
 
 def _variants(counts: Sequence[int]) -> list[Variant]:
-    """All that `measure` times."""
-    scenes = [(f"{CELLS} cells", p, packed_scene(CELLS, preset=p)) for p in PACKED_PRESETS]
-    embryo = built_in_scene(EMBRYO)
-    scenes += [(EMBRYO, p, replace(embryo, numerics=Numerics.preset(p))) for p in EMBRYO_PRESETS]
+    """All whose steps `measure` times."""
+    packed, embryo = packed_scene(CELLS), built_in_scene(EMBRYO)
     return [
-        Variant(name, preset, Simulation(scene.with_numerics(threads=count)))
-        for name, preset, scene in scenes
+        Variant(name, Simulation(scene.with_numerics(threads=count, **solver)))
+        for name, scene in ((f"{CELLS} cells", packed), (EMBRYO, embryo))
+        for solver in BY_SOLVER.values()
         for count in counts
     ]
 
@@ -306,13 +341,13 @@ def _settle(simulation: Simulation) -> float:
 
 def _ratios(rows: Sequence[Mapping[str, Any]], workers: int) -> list[dict[str, Any]]:
     """How many times as fast as one thread all are; none if one is all."""
-    alone = {(r["scene"], r["preset"]): r["ms per step"] for r in rows if r["threads"] == 1}
+    alone = {(r["scene"], r["solver"]): r["ms per step"] for r in rows if r["threads"] == 1}
     return [
         {
             "scene": row["scene"],
-            "preset": row["preset"],
+            "solver": row["solver"],
             "threads": workers,
-            "times": alone[row["scene"], row["preset"]] / row["ms per step"],
+            "times": alone[row["scene"], row["solver"]] / row["ms per step"],
         }
         for row in rows
         if row["threads"] > 1
@@ -320,20 +355,13 @@ def _ratios(rows: Sequence[Mapping[str, Any]], workers: int) -> list[dict[str, A
 
 
 def _estimates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Durations of the embryo's whole course and of Table 1's last row, from times per step."""
-    end = built_in_scene(EMBRYO).duration
+    """Minutes that the last row of Table 1 takes, by solver, from times per step."""
     steps = round(TABLE_1["minutes in vivo"] * PER_MINUTE / PACKED_DT)
     return {
         "threads": rows[0]["threads"],
-        "embryo, end": end,
-        "embryo, s": {
-            r["preset"]: 1e-3 * r["ms per step"] * end / r["dt"]
-            for r in rows
-            if r["scene"] == EMBRYO
-        },
-        "packed, steps": steps,
-        "packed, min": {
-            r["preset"]: 1e-3 * r["ms per step"] * steps / 60 for r in rows if r["scene"] != EMBRYO
+        "steps": steps,
+        "min": {
+            r["solver"]: 1e-3 * r["ms per step"] * steps / 60 for r in rows if r["scene"] != EMBRYO
         },
         "published, min": TABLE_1,
     }

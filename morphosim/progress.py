@@ -136,20 +136,20 @@ class Bar:
 def progress_line() -> Iterator[TellWhat]:
     """What draws progress when it is first told something, and tidies up at the end."""
     bar, pace = Bar("{task.completed:.0f} of {task.total:.0f}"), Pace()
-    now = ""
-    start = first = 0.0
+    now, start, remaining = "", 0.0, Remaining(0)
 
     def tell(what: str, done: int, of: int) -> None:
-        nonlocal now, start, first
+        nonlocal now, start, remaining
         if what != now:
-            now, start, first = what, time.monotonic(), done
+            now, start, remaining = what, time.monotonic(), Remaining(done)
             if bar.shown:
                 bar.begin(what, of)
+        remaining.note(time.monotonic() - start, done)
         if bar.shown:
             bar.update(completed=done, total=of)
         elif pace.due():
-            spent, share = time.monotonic() - start, (done - first) / max(of - first, 1)
-            left = f", {duration_text(spent / share - spent)} left" if share > 0 else ""
+            seconds = remaining.seconds(of)
+            left = "" if seconds is None else f", {duration_text(seconds)} left"
             tell_line(f"{what}: {done} of {of}{left}")
 
     try:
