@@ -3,10 +3,14 @@
 Run as `python benchmarks/saves.py`; about two minutes. Steps, all δt long, and saves of a scene
 alternate; the times are medians. The share is that of a run that saves every 100 steps. The last
 columns are the time to open the saves as one Dataset, and to read the fields of one.
+
+A second table has whole runs of the embryo with presets, whose steps are longer: what of their time
+the saves take that the scene asks for.
 """
 
 import tempfile
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +19,8 @@ import numpy as np
 from _common import arguments, packed_scene, report
 
 from morphosim import RunWriter, Scene, Simulation, built_in_scene, load_fields, open_run
+from morphosim.bench import COMPILING, RUN_PRESETS
+from morphosim.errors import ResolutionWarning
 
 SETTLING = 24
 STEPS = 8
@@ -63,9 +69,41 @@ def row(name: str, scene: Scene, saves: int) -> dict[str, Any]:
     }
 
 
+class TimedWriter(RunWriter):
+    """A `RunWriter` that knows how long it took."""
+
+    spent = 0.0
+
+    def after_step(self, simulation: Simulation) -> None:
+        """See `RunWriter`."""
+        self.spent += seconds(lambda: super(TimedWriter, self).after_step(simulation))
+
+
+def run_row(preset: str) -> dict[str, Any]:
+    """What saves take of a whole run of the embryo."""
+    scene = built_in_scene("celegans-8", {"numerics.preset": preset})
+    Simulation(scene).step(COMPILING)
+    simulation = Simulation(scene)
+    with tempfile.TemporaryDirectory() as folder:
+        writer = TimedWriter(folder, every=scene.save_every)
+        whole = seconds(lambda: simulation.run(observers=[writer]))
+        saves = len(writer.files.saves)
+    return {
+        "preset": preset,
+        "to": simulation.time,
+        "save every": scene.save_every,
+        "saves": saves,
+        "steps": simulation.steps,
+        "s": whole,
+        "of that saves, s": writer.spent,
+        "share, %": 100 * writer.spent / whole,
+    }
+
+
 def main() -> None:
     """Measure and report."""
     options = arguments(__doc__, saves=15, many=1000)
+    warnings.simplefilter("ignore", ResolutionWarning)
     rows = []
     for solver in ("dct", "band"):
         embryo = built_in_scene("celegans-8", {"numerics.solver": solver})
@@ -74,6 +112,9 @@ def main() -> None:
             packed = packed_scene(cells, solver=solver)
             rows.append(row(f"{cells} packed cells", packed, options.saves))
     report(rows, options.json)
+    print()
+    path = options.json
+    report([run_row(p) for p in RUN_PRESETS], path and path.with_stem(f"{path.stem}-runs"))
 
 
 if __name__ == "__main__":
