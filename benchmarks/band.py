@@ -18,7 +18,6 @@ from stability import bisect
 from morphosim import Scene, Simulation, StabilityWarning
 from morphosim.errors import SimulationError
 from morphosim.measure.contacts import touching
-from morphosim.numerics.parameters import PRESETS
 from morphosim.scene import stability
 
 SCENES = {
@@ -31,10 +30,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "2 iterations": {},
     "3 iterations": {"sweeps": 3},
     "4 iterations": {"sweeps": 4},
-    "tolerance 3e-3": {"box_tolerance": 3e-3},
-    "tolerance 1e-4": {"box_tolerance": 1e-4},
-    "draft": PRESETS["draft"],
-}
+    "box tolerance 3e-3": {"box_tolerance": 3e-3},
+    "box tolerance 1e-4": {"box_tolerance": 1e-4},
+    "h = 2/3, δt = 4, box tolerance 3e-3": {
+        "spacing": 2 / 3, "dt": 4.0, "box_tolerance": 3e-3,
+    },
+}  # fmt: skip
 LEAST_S = {
     "dt = 0.5": {"dt": 0.5},
     "dt = 2": {"dt": 2.0},

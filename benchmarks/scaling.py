@@ -1,10 +1,10 @@
 """Time and memory against the number of cells: 1 to 10000 close-packed cells of R = 4 µm.
 
-Run as `python benchmarks/scaling.py` (about 15 minutes, 10 GB; `--cells 1,10,100` for less). Up to
-1000 cells the solvers and numbers of threads of one count run in turn in this process; more cells
-run one variant after the other, each in a process of its own, so that only one holds memory. The
-peak memory of a process is always that of a process of its own, with all that Python and the
-kernels take. Writes a table, and JSON on request.
+Run as `python benchmarks/scaling.py` (about 15 minutes, 10 GB; `--cells 1,10,100` for less,
+`--solvers band,linearised` for other solvers). Up to 1000 cells the solvers and numbers of threads
+of one count run in turn in this process; more cells run one variant after the other, each in a
+process of its own, so that only one holds memory. The peak memory of a process is always that of a
+process of its own, with all that Python and the kernels take. Writes a table, and JSON on request.
 """
 
 import multiprocessing
@@ -17,6 +17,7 @@ from typing import Any
 from _common import alternating_medians, arguments, packed_scene, report, stepper
 
 from morphosim import Simulation
+from morphosim.bench import BY_SOLVER
 
 ALONE = 1000
 """More cells than this run in a process of their own."""
@@ -40,7 +41,7 @@ def build(key: Key) -> Simulation:
     cells, solver, threads = key
     say(f"{cells} cells, {solver}, threads: {threads}: building", end="")
     begin = time.perf_counter()
-    simulation = Simulation(packed_scene(cells, solver=solver, threads=threads))
+    simulation = Simulation(packed_scene(cells, threads=threads, **BY_SOLVER[solver]))
     built = time.perf_counter()
     say(f" ({built - begin:.1f} s), first steps", end="")
     simulation.step(SETTLING)

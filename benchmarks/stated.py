@@ -6,7 +6,8 @@ steps (error in space, against the same steps on the lattice of the preset). Sta
 are root mean squares over the cells, of their centroids, and of their semi-axes. Noise is held for
 2 units of time, so that it is the same with all steps.
 
-With `--preset` and `--set`, other numerics than "fast": `--set tolerance=20`.
+With `--preset` and `--set`, other numerics than the preset "fast": `--set tolerance=5`, or `--set
+dt=2` for steps that are all of one length.
 """
 
 import argparse

@@ -1,8 +1,9 @@
 """Time and memory of a step: close-packed cells, 1 and 2 threads, near and far pairs.
 
-Run as `python benchmarks/step.py` (`--solver band` for the band solver). All variants run in turn
-in one process. As a control of the machine, the same scene on one thread is also timed in one
-process and in two at once, which share nothing: two threads cannot gain more than two processes do.
+Run as `python benchmarks/step.py` (`--solver band` or `linearised` for others). All variants run in
+turn in one process. As a control of the machine, the same scene on one thread is also timed
+in one process and in two at once, which share nothing: two threads cannot gain more than two
+processes do.
 """
 
 import multiprocessing
@@ -14,11 +15,12 @@ from _common import alternating_medians, arguments, packed_scene, report, steppe
 from _scenes import adhering
 
 from morphosim import Simulation
+from morphosim.bench import BY_SOLVER
 
 
 def pair(distance: float, solver: str) -> Simulation:
     """Two cells of R = 4 µm with their centres `distance` µm apart."""
-    return Simulation(adhering(distance).with_numerics(dt=1.5, solver=solver))
+    return Simulation(adhering(distance).with_numerics(dt=1.5, **BY_SOLVER[solver]))
 
 
 def row(name: str, simulation: Simulation, seconds: float) -> dict[str, Any]:
@@ -68,10 +70,11 @@ def main() -> None:
     """Measure and report."""
     options = arguments(__doc__, cells=100, many=1000, rounds=15, solver="dct")
     few, many = f"{options.cells} cells", f"{options.many} cells"
+    solver = BY_SOLVER[options.solver]
     simulations = {
-        (few, 1): Simulation(packed_scene(options.cells, threads=1, solver=options.solver)),
-        (few, 2): Simulation(packed_scene(options.cells, threads=2, solver=options.solver)),
-        (many, 2): Simulation(packed_scene(options.many, threads=2, solver=options.solver)),
+        (few, 1): Simulation(packed_scene(options.cells, threads=1, **solver)),
+        (few, 2): Simulation(packed_scene(options.cells, threads=2, **solver)),
+        (many, 2): Simulation(packed_scene(options.many, threads=2, **solver)),
         ("touching pair", 2): pair(8.0, options.solver),
         ("pair 10 mm apart", 2): pair(10_000.0, options.solver),
     }

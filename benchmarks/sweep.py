@@ -1,9 +1,9 @@
 """A scan that is killed (SIGKILL, with all its processes) and gone on with; how busy cores are.
 
-Run as `python benchmarks/sweep.py [--kills 2]`: 48 members of eight cells, γ by σ by δt. The share
-of ideal is the sum of the members' own seconds over (cores × wall time), for a scan that is not
-killed; `start` is what a call takes that has nothing left to do but make the Dataset. `--fresh`
-gives the scan an empty cache of compiled kernels.
+Run as `python benchmarks/sweep.py [--kills 2]`: 48 members of eight cells, γ by σ by δt, with h =
+2/3 µm. The share of ideal is the sum of the members' own seconds over (cores × wall time), for a
+scan that is not killed; `start` is what a call takes that has nothing left to do but make the
+Dataset. `--fresh` gives the scan an empty cache of compiled kernels.
 """
 
 import os
@@ -28,7 +28,8 @@ physics.gamma = [0.15, 0.2, 0.25, 0.3, 0.35, 0.4]
 physics.sigma.default = [0.0, 0.25, 0.5, 0.75]
 numerics.dt = [2.0, 4.0]
 [overrides]
-numerics.preset = "draft"
+numerics.spacing = 0.6666666666666666
+numerics.box_tolerance = 3e-3
 duration = {duration}
 save_every = {duration}
 """

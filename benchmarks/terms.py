@@ -1,7 +1,7 @@
 """What a scene pays for: ms per step with each physical term on and off.
 
 Run as `python benchmarks/terms.py` (`--run DIR` takes the last state of a saved run of the scene
-instead of its start). The 125 cells of `synnotch-symmetric`, δt = 1.25, preset `fast`; all variants
+instead of its start). The 125 cells of `synnotch-symmetric`, δt = 1.25, solver `band`; all variants
 run in turn in one process.
 """
 

@@ -35,7 +35,7 @@ def draw(eta: xr.DataArray, path: str) -> None:
 
 def main(directory: str, picture: str = "") -> None:
     """Scan, print η and volumes relative to their targets, and draw."""
-    egg = built_in_scene("celegans-1-to-8", {"numerics.preset": "fast", "numerics.S": 12.0})
+    egg = built_in_scene("celegans-1-to-8", {"numerics.solver": "band", "numerics.S": 12.0})
     found = sweep(
         replace(egg, stages=egg.stages[:2]), AXES, directory=directory,
         figures={"eta": "irregularity", "volume": "volume", "target": "target_volume"},

@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 
 from morphosim import load_fields, open_run
+from morphosim.bench import BY_SOLVER
 
 STEPS = 40
 Call = Callable[[list[str]], tuple[int, str]]
@@ -27,9 +28,10 @@ def random_scene(chance: random.Random) -> dict[str, Any]:
         return 10 ** chance.uniform(low, high) if chance.random() < 0.2 else usual
 
     dt = chance.choice([0.5, 1.0, 2.0, 2.0, 2.0, 8.0])
-    numerics: dict[str, Any] = {
-        "preset": chance.choice(["draft", "fast", "standard"]), "threads": 1, "dt": dt,
-    }  # fmt: skip
+    numerics: dict[str, Any] = {"threads": 1} | chance.choice(
+        [{"dt": dt} | solver for solver in BY_SOLVER.values()]
+        + [{"preset": name} for name in ("draft", "fast", "standard")]
+    )
     if chance.random() < 0.2:
         numerics["S"] = chance.choice([0.0, 20.0])
     physics = {

@@ -16,8 +16,11 @@ from morphosim.physics.parameters import Physics
 H = 0.5
 TAIL = 1e-9
 """Start fields are laid out to where their profile falls below this."""
-EXPECTED_TO_FAIL = pytest.mark.filterwarnings("ignore::morphosim.scene.stability.StabilityWarning")
-"""For tests of scenes that are beyond what is stable."""
+EXPECTED_TO_FAIL = pytest.mark.filterwarnings(
+    "ignore::morphosim.scene.stability.StabilityWarning",
+    "ignore::morphosim.errors.ResolutionWarning",
+)
+"""For tests of scenes that are beyond what is stable, or what a lattice resolves."""
 ONE_CELL = """
 duration = 8
 save_every = 4

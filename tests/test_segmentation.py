@@ -807,15 +807,22 @@ def walled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("preset", ["draft", "fast", "standard"])
-def test_presets_take_what_walls_of_an_image_need(walled: Path, preset: str) -> None:
-    scene = load_scene(walled, {"numerics.preset": preset, "numerics.threads": 1})
-    assert scene.numerics == Numerics.preset(preset, threads=1)
+@pytest.mark.parametrize(
+    "numerics",
+    [
+        {"solver": "dct"}, {"solver": "band"}, {"dt": 4.0, "spacing": 2 / 3}, {"preset": "draft"},
+        {"preset": "fast"}, {"preset": "standard"},
+    ],
+)  # fmt: skip
+def test_walls_of_an_image_get_what_they_need(walled: Path, numerics: dict[str, Any]) -> None:
+    """Eq. 9 a larger S; with a tolerance their own derivative is implicit, and they need none."""
+    given = {f"numerics.{key}": value for key, value in (numerics | {"threads": 1}).items()}
+    scene = load_scene(walled, given)
     simulation = Simulation(replace(scene, duration=1000.0))
-    assert simulation.S >= least_S(scene) > 6
-    simulation.step(40)  # would warn; with S = 6 it diverges at the fourth step
-    given = {"numerics.preset": preset, "numerics.S": 7.0}
-    assert load_scene(walled, given).numerics.S == 7
+    assert least_S(scene) <= simulation.S
+    assert (least_S(scene) > 6) == (scene.numerics.tolerance is None)
+    simulation.step(40)  # would warn; Eq. 9 with S = 6 diverges at the fourth step
+    assert load_scene(walled, given | {"numerics.S": 7.0}).numerics.S == 7
 
 
 # --- simulations -------------------------------------------------------------------------------

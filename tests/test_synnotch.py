@@ -81,7 +81,7 @@ def small(threads: int = 1, **physics: object) -> Scene:
         for k, (kind, place) in enumerate(zip("RGRGRG", places, strict=True))
     ]
     sigma = Attraction(types={("R", "R"): 0.9, ("G", "G"): 0.3, ("R", "G"): 0.5})
-    numerics = Numerics.preset("fast", dt=1.25, threads=threads, seed=5)
+    numerics = Numerics(solver="band", dt=1.25, threads=threads, seed=5)
     return Scene(
         cells=cells, physics=Physics(**({"sigma": sigma, "kappa": 0.22} | physics)),
         numerics=numerics,

@@ -113,6 +113,7 @@ class StepControl:
             self.planned = min(self.planned, self.first)
         return -(-most // -(-most // self.planned))
 
+    @np.errstate(invalid="ignore", over="ignore")  # what runs away is told by its survey
     def judge(self, changes: Floats, ticks: int, before: int, damped: float, cells: CellTable,
               rows: NDArray[np.int64]) -> Verdict:  # fmt: skip
         """Tell the errors of a step of so many ticks, after one of `before`.

@@ -115,7 +115,7 @@ def _scene(
     values: dict[str, Any] = {
         "cells": packed_cells(counts, RADIUS, LOWER, UPPER, seed),
         "physics": Physics(sigma=sigma, kappa=KAPPA),
-        "numerics": Numerics.preset("fast", dt=TIME_STEP, seed=seed),
+        "numerics": Numerics(solver="band", dt=TIME_STEP, seed=seed),
         "confinement": BoxWalls(lower=LOWER, upper=UPPER),
         "stages": stages,
         "duration": length,
