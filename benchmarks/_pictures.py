@@ -54,7 +54,7 @@ def pareto_picture(data: xr.Dataset, front: np.ndarray, path: Path) -> None:
             weight="bold",
         )
     axes.set(
-        xscale="log", yscale="log", xlabel="time per in silico time, relative to the defaults",
+        xscale="log", yscale="log", xlabel="time per in silico time, relative to fixed steps",
         ylabel="centroid error of the eight-cell embryo\nat t = 480, root mean square, nm",
     )  # fmt: skip
     for axis in (axes.xaxis, axes.yaxis):
