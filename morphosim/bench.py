@@ -1,7 +1,7 @@
-"""Where a machine stands: time per step and of whole runs, memory, bandwidth.
+"""Where a machine stands: steps, whole runs, memory, bandwidth; behind `morphosim bench`.
 
-Behind `morphosim bench`. Solvers are compared by steps of one length; presets, whose steps are as
-long as a tolerance allows, by whole runs.
+Solvers are compared by steps of one length; presets, whose steps are as long as a tolerance allows,
+by whole runs.
 """
 
 import os
