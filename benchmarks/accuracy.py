@@ -204,9 +204,10 @@ def pareto(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
 HEAD = """# Error against cost
 
 Measured by `benchmarks/accuracy.py`; see [choosing numerics](choosing-numerics.md). Each variant is
-a preset, or `fixed steps` (the defaults, with S = 6) with the change that its name says. Errors of the embryo at t = 480 unless another scene
-is named: centroids root mean square and largest, the largest relative error of volume and surface,
-of a contact area, and of the field. Variants on the Pareto front are bold.
+a preset, or `fixed steps` (the defaults, with S = 6) with the change that its name says. Errors of
+the embryo at t = 480 unless another scene is named: centroids root mean square and largest, the
+largest relative error of volume and surface, of a contact area, and of the field. Variants on the
+Pareto front are bold.
 
 Weights fitted to the interface (`order = "fitted"`, see `numerics/stencils.py`) leave 0.64, 0.71
 and 0.80 of the embryo's error at h = 2/3, 0.5 and 0.4 µm with `tolerance = 1`: 42 and 27 nm, 8.8

@@ -291,7 +291,8 @@ class Accuracy:
         elif numerics.scheme == "imex1":
             lags[:, 2] = (S + self._well) * dt / self._tau
         else:
-            inertia, start_S = S + self._well, numerics.start_S
+            inertia: Floats | float = S + self._well
+            start_S = numerics.start_S
             if numerics.scheme == "linearised":
                 s = diffusion(numerics, self._c, self._tau, self._rate, dt, self._largest)
                 inertia, start_S = SHIFT * self._c * s, None

@@ -52,11 +52,12 @@ def used_S(numerics: Numerics, tau: float, rate: float, dt: float | None = None)
 def diffusion(
     numerics: Numerics, c: float, tau: float, rate: float, dt: float, tension: float
 ) -> float:
-    """s of "linearised", which takes -(γ + s) Δ implicitly: an interface's tail is damped as by S.
+    """Diffusion s of "linearised", which takes -(γ + s) Δ implicitly.
 
-    It is no less than what the finest waves need, of which the Laplacian of the forces makes more
-    than that of the iterations: with Λ and Λ₂ for -Δ by the two, and iterations that leave up to a
-    share ε of u, φⁿ⁺¹ = -φⁿ does not grow if 4 (γ + s) Λ₂ > 3 (1 + ε) γ Λ.
+    The tail of an interface is damped as by S. It is no less than what the finest waves need, of
+    which the Laplacian of the forces makes more than that of the iterations: with Λ and Λ₂ for -Δ
+    by the two, and iterations that leave up to a share ε of u, φⁿ⁺¹ = -φⁿ does not grow if
+    4 (γ + s) Λ₂ > 3 (1 + ε) γ Λ.
 
     Parameters
     ----------
