@@ -13,7 +13,7 @@ from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine
 from morphosim.engine.solvers.linearised import LinearisedSolver
 from morphosim.engine.step_control import FIRST
-from morphosim.geometry.confinement import Confinement, EllipsoidShell
+from morphosim.geometry.confinement import BoxWalls, Confinement, EllipsoidShell
 from morphosim.physics.term import Forces, Step
 from morphosim.physics.volume_constraint import VolumeConstraint
 
@@ -220,6 +220,14 @@ def test_the_finest_waves_do_not_grow(order: int | str) -> None:
     fields = engine.pool.phi
     assert fields.min() > -0.1
     assert fields.max() < 1.2
+
+
+def test_what_walls_do_implicitly_does_not_grow() -> None:
+    """Two balls that walls press, and steps of twice the default's."""
+    walls = BoxWalls(lower=(-2.0, -1.9, -2.1), upper=(6.9, 2.0, 1.9))
+    *_, engine = run(adhering(shell=walls, dt=4.0, S=2.0), 60)
+    assert not engine.diverged().size
+    assert engine.pool.phi.max() < 1.3
 
 
 @pytest.mark.parametrize("tolerance", [None, 20.0])

@@ -6,7 +6,9 @@ L = S δt²/τ, so that an error e of the place obeys e' = J e - L v', J the mot
 begins with -L v after a stabilised first step. Eq. 8 slows time by 1 + S δt/τ, e' = J e - S δt/τ v,
 and explicit Euler has L = δt/2. To S adds what the double well makes explicitly, `SHIFT` γ c;
 "linearised" has that implicit, and of S what its diffusion s makes of the interface. Backward
-differences add δt²/3 v'', which is taken as δt²/3 |v'|/|v| v'.
+differences add δt²/3 v'', which is taken as δt²/3 |v'|/|v| v'. With a tolerance L is the mean over
+the steps from one look at the cell to the next, and what steps miss beside the cell's place is added
+(`step_control.swept`).
 
 Velocities obey v' = J v, so J is taken as the rate at which the cell's own velocity changes, all
 its nine components together. Before S lets a velocity follow its force, that rate is not known;
@@ -42,6 +44,7 @@ from morphosim.kernels.defects import (
     N_CLOCK,
     PLACE,
     STEP,
+    TIME,
     WALL,
     WAY,
     begin,
@@ -83,6 +86,7 @@ COLUMNS = (
     Column("error_space", shape=(3,), optional=True),
     Column("error_defect", shape=(3,), inherits=False, optional=True),
     Column("error_clock", shape=(N_CLOCK,), inherits=False, optional=True),
+    Column("error_lags", shape=(2,), inherits=False, optional=True),
 )
 
 
@@ -119,9 +123,10 @@ class Errors:
         lapse, decay = (time - clock[:, MEASURED])[:, None], clock[:, DECAY][:, None]
         drift = column("error_space") * decay + column("error_defect") * lapse
         parts = [(drift**2).sum(axis=1), clock[:, WALL] ** 2]
+        swept = column("swept")
         return cls(
-            time=FLOOR_TIME + 1e3 * _lengths(in_time[:, :, :3]),
-            shape=FLOOR_TIME + 1e3 * _lengths(in_time[:, :, 3:]),
+            time=FLOOR_TIME + 1e3 * np.hypot(_lengths(in_time[:, :, :3]), swept),
+            shape=FLOOR_TIME + 1e3 * np.hypot(_lengths(in_time[:, :, 3:]), swept),
             space=FLOOR_SPACE * numerics.box_tolerance + 1e3 * np.sqrt(sum(parts)),
             boxes=column("face_peak").copy(),
             way=clock[:, WAY].copy(),
@@ -226,6 +231,7 @@ class Accuracy:
             cells["error_clock"],
         )  # fmt: skip
         stepped = cells["error_clock"][schedule.order]
+        cells["error_lags"][cells["fresh"]] = 0
         self._born = np.unique(stepped[:, STEP]).astype(np.int64).tolist()
         self._next_look = step + 1
         self._plan_defects(step - 1)
@@ -271,16 +277,27 @@ class Accuracy:
         self, schedule: Schedule, pool: BoxPool, cells: CellTable, step: int, time: float, dt: float
     ) -> None:
         """Look at where cells are after a step of δt."""
+        steady = self._numerics.tolerance is None
+        if not steady:
+            self._find_lags(dt)
+            cells["error_lags"][:] += dt * self._lags[:, [0, 3]]
         if step < self._next_look or not self._born:
             return
         steps = interval.py_func(step - self._born[-1])
         self._next_look = (step // steps + 1) * steps
-        self._find_lags(dt)
+        if steady:
+            self._find_lags(dt)
+        else:
+            gap = np.maximum(time - cells["error_clock"][:, TIME], dt)
+            self._lags[:, [0, 3]] = cells["error_lags"] / gap[:, None]
+            self._lags[:, 1] = self._lags[:, 0]
         look(
             schedule.bounds, schedule.order, pool.phi, pool.boxes, self._numerics.spacing, step,
             time, self._lags, self._places, cells["error_place"], cells["error_speed"],
             cells["error_time"], cells["error_clock"],
         )  # fmt: skip
+        if not steady:
+            cells["error_lags"][cells["error_clock"][:, TIME] == time] = 0
 
     def _find_lags(self, dt: float) -> None:
         """Lags of velocities; see `kernels.defects.look`."""

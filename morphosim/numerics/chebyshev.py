@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from morphosim.numerics.stencils import stencil_weights
 
 CONVERGENCE = 0.6
-"""Least reduction of every error by the iterations of a step."""
+"""Share of any error that the iterations of a step may leave."""
 MORE_WITHOUT_HISTORY = 2
 """Iterations in addition, where there is no history to start from."""
 
@@ -18,12 +18,14 @@ def largest_eigenvalue(order: int | str, spacing: float, interface_scale: float 
     return float(-3 * (weights[0] + 2 * alternating) / spacing**2)
 
 
-def chebyshev_roots(lhs: float, interface: float, top: float, sweeps: int) -> NDArray[np.float64]:
+def chebyshev_roots(
+    lhs: float, interface: float, top: float, sweeps: int, left: float = CONVERGENCE
+) -> NDArray[np.float64]:
     """Roots λ of the iterations' error polynomial Π (1 - a/λ) over eigenvalues a of lhs - γΔ.
 
     It is the Chebyshev polynomial of an interval that ends at lhs + `top` and begins such that its
     first root is lhs + `interface`: the eigenvalue of what iterations mostly correct, a moving
-    interface. There the error vanishes; elsewhere it is reduced at least by `CONVERGENCE`.
+    interface. There the error vanishes; elsewhere no more than the share `left` is left.
 
     Parameters
     ----------
@@ -34,6 +36,7 @@ def chebyshev_roots(lhs: float, interface: float, top: float, sweeps: int) -> ND
         Largest eigenvalue of -γΔ.
     sweeps : int
         Least number of roots; more are taken where they are needed.
+    left : float
     """
     high = lhs + top
     while True:
@@ -41,7 +44,7 @@ def chebyshev_roots(lhs: float, interface: float, top: float, sweeps: int) -> ND
         low = (lhs + interface - share * high) / (1 - share)
         if low > 0:
             middle, half = 0.5 * (high + low), 0.5 * (high - low)
-            if np.cosh(sweeps * np.arccosh(middle / half)) >= 1 / CONVERGENCE:
+            if np.cosh(sweeps * np.arccosh(middle / half)) >= 1 / left:
                 angles = np.pi * (np.arange(sweeps) + 0.5) / sweeps
                 return np.asarray(middle - half * np.cos(angles))
         sweeps += 1

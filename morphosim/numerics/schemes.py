@@ -11,7 +11,7 @@ weight δt/τ from φⁿ with lhs = 0 and the right-hand side F.
 
 import numpy as np
 
-from morphosim.numerics.chebyshev import CONVERGENCE, largest_eigenvalue
+from morphosim.numerics.chebyshev import largest_eigenvalue
 from morphosim.numerics.parameters import Numerics
 
 SHARES = {"bdf2": 0.75, "imex1": 0.5, "linearised": 1.05}
@@ -22,6 +22,9 @@ explicit double well adds to S, in γ c."""
 SOLVED_ORDER = 2
 """Order of the Laplacian that "linearised" takes implicitly, in its iterations. Forces have that of
 the numerics: a higher one gains nothing here, and takes more iterations of twice the work."""
+LEFT = 0.3
+"""Share ε of u that these iterations may leave. Of D, which is implicit at each point, forces at
+the extrapolation have the explicit part: φⁿ⁺¹ = -φⁿ does not grow if 4 D > 3 (1 + ε) D."""
 
 
 def stabilisation(rate: float, dt: float, tau: float, scheme: str = "bdf2") -> float:
@@ -56,7 +59,7 @@ def diffusion(
 
     The tail of an interface is damped as by S. It is no less than what the finest waves need, of
     which the Laplacian of the forces makes more than that of the iterations: with Λ and Λ₂ for -Δ
-    by the two, and iterations that leave up to a share ε of u, φⁿ⁺¹ = -φⁿ does not grow if
+    by the two, and ε for what these leave (`LEFT`), φⁿ⁺¹ = -φⁿ does not grow if
     4 (γ + s) Λ₂ > 3 (1 + ε) γ Λ.
 
     Parameters
@@ -73,7 +76,7 @@ def diffusion(
         largest_eigenvalue(order, numerics.spacing, np.sqrt(c / 2))
         for order in (numerics.order, SOLVED_ORDER)
     )
-    least = tension * (0.75 * (1 + CONVERGENCE) * forces / solved - 1)
+    least = tension * (0.75 * (1 + LEFT) * forces / solved - 1)
     return max(used_S(numerics, tau, rate, dt) / (2 * c), least)
 
 

@@ -10,7 +10,7 @@ from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.scheduling import Schedule
 from morphosim.engine.solvers.solver import MostOfAll, Solver, StepState
 from morphosim.engine.stencil import make_stencil
-from morphosim.engine.step_control import PATIENCE, StepControl
+from morphosim.engine.step_control import PATIENCE, StepControl, swept
 from morphosim.kernels.boxes import BAD, N_SURVEYED
 from morphosim.kernels.layout import Linearisation
 from morphosim.kernels.linearised import N_CHANGES, stretch, take_steps, try_steps
@@ -20,7 +20,7 @@ from morphosim.numerics.chebyshev import (
     largest_eigenvalue,
 )
 from morphosim.numerics.parameters import Numerics
-from morphosim.numerics.schemes import SHIFT, SOLVED_ORDER, diffusion
+from morphosim.numerics.schemes import LEFT, SHIFT, SOLVED_ORDER, diffusion
 from morphosim.physics.parameters import Physics
 
 Floats = NDArray[np.float64]
@@ -130,10 +130,8 @@ class LinearisedSolver:
     def _settle(self, state: StepState, control: StepControl, most_of_all: MostOfAll) -> int | None:
         """Length to try instead of the step that was tried; None, and a plan, if it is taken."""
         cells, rows, ticks = state.pool.cells, state.schedule.order, state.ticks
-        verdict = control.judge(
-            self._changes, ticks, self.before, self._spread(ticks) * SHIFT * self._c / self._tau,
-            cells, rows,
-        )  # fmt: skip
+        damped = self._damped(ticks)
+        verdict = control.judge(self._changes, ticks, self.before, damped, cells, rows)
         bad = np.inf if self._surveys[rows, BAD].any() else 0.0
         worst = np.array([max(verdict.excess, bad), control.reach(verdict, ticks)])
         excess, reach = most_of_all(np.nan_to_num(worst, nan=np.inf, posinf=np.inf)).tolist()
@@ -148,6 +146,11 @@ class LinearisedSolver:
     def _take(self, state: StepState, planned: int) -> None:
         """Take the step that was tried, and lay φ* for one of `planned` ticks."""
         pool, schedule = state.pool, state.schedule
+        if self._control is not None and not self._random:  # noise itself is what is missed there
+            rows, length = schedule.order, state.ticks * self._numerics.tick
+            speeds = np.linalg.norm(pool.cells["error_speed"][rows, :3], axis=1)
+            lost = swept(self._changes[rows], length, self._damped(state.ticks), speeds)
+            pool.cells["swept"][rows] += np.where(pool.cells["fresh"][rows], 0.0, lost)
         take_steps(
             schedule.bounds, schedule.order, self._target(pool), pool.phi, pool.acting,
             self._dtype.type(planned / state.ticks), pool.boxes, self._rows, self._surveys,
@@ -197,6 +200,10 @@ class LinearisedSolver:
         length = ticks * self._numerics.tick
         return diffusion(self._numerics, self._c, self._tau, self._rate, length, self._stiffest)
 
+    def _damped(self, ticks: int) -> float:
+        """Rate s k² / τ at which the stabilisation makes velocity of what is missed."""
+        return self._spread(ticks) * SHIFT * self._c / self._tau
+
     def _weights(
         self, fresh: NDArray[np.bool_], rate: float, later: float, state: StepState
     ) -> tuple[NDArray, NDArray]:
@@ -209,8 +216,8 @@ class LinearisedSolver:
             top = stiffness * largest_eigenvalue(SOLVED_ORDER, numerics.spacing) + damping
             least = numerics.sweeps + MORE_WITHOUT_HISTORY
             roots = [
-                chebyshev_roots(later, 0.0, top, least),
-                chebyshev_roots(rate, 0.0, top, least + MORE_AT_FIRST),
+                chebyshev_roots(later, 0.0, top, least, LEFT),
+                chebyshev_roots(rate, 0.0, top, least + MORE_AT_FIRST, LEFT),
             ]
             counts = np.array([len(values) for values in roots])
             weights = np.zeros((2, counts.max()), self._dtype)
