@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from morphosim import (
+    Attraction,
     BoxWalls,
     Cell,
     Ellipsoid,
@@ -14,6 +15,7 @@ from morphosim import (
     Scene,
     Simulation,
     Sphere,
+    built_in_scene,
     open_run,
 )
 from morphosim.cli.run_facts import run_facts
@@ -92,6 +94,31 @@ SCHEMES = (
 def test_error_in_time_is_that_against_short_steps(fine, numerics):
     for (found, errors), (true, _) in zip(course(pair(**numerics)), fine, strict=True):
         assert 1 / WITHIN < rms(errors.time) / distance(found, true) < WITHIN
+
+
+def pursuing(**numerics):
+    """The embryo with attractions drawn at random, in which cells pull on others that do not."""
+    scene = built_in_scene("celegans-8").with_numerics(
+        spacing=0.6, order="fitted", box_tolerance=3e-3, solver="band", threads=1, **numerics
+    )
+    table = np.random.default_rng(0).uniform(0, 0.98, (8, 8))
+    np.fill_diagonal(table, 0)
+    return scene.with_physics(sigma=Attraction.from_matrix(scene.names, table))
+
+
+@pytest.mark.parametrize(
+    ("make", "times"), [(pair, (50.0, 93.0, 150.0)), (pursuing, (25.0, 49.9, 50.0))]
+)
+def test_error_in_time_of_steps_that_vary_is_that_against_short_ones(make, times):
+    """Whether they end at a save or not, of cells that come to rest and of some that do not."""
+    true = course(make(scheme="linearised", dt=0.5), times)
+    found = course(make(tolerance=20.0), times)
+    ratios = [
+        rms(errors.time) / max(distance(here, there), 0.5)
+        for (here, errors), (there, _) in zip(found, true, strict=True)
+    ]
+    assert 1 / WITHIN < min(ratios), ratios
+    assert max(ratios) < WITHIN, ratios
 
 
 def test_error_of_shape_is_that_against_short_steps():

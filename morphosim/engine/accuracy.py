@@ -7,8 +7,8 @@ begins with -L v after a stabilised first step. Eq. 8 slows time by 1 + S δt/τ
 and explicit Euler has L = δt/2. To S adds what the double well makes explicitly, `SHIFT` γ c;
 "linearised" has that implicit, and of S what its diffusion s makes of the interface. Backward
 differences add δt²/3 v'', which is taken as δt²/3 |v'|/|v| v'. With a tolerance L is the mean over
-the steps from one look at the cell to the next, and what steps miss beside the cell's place is added
-(`step_control.swept`).
+the steps from one look at the cell to the next, and what steps miss besides the cell's place is
+added (`step_control.swept`).
 
 Velocities obey v' = J v, so J is taken as the rate at which the cell's own velocity changes, all
 its nine components together. Before S lets a velocity follow its force, that rate is not known;
@@ -277,27 +277,25 @@ class Accuracy:
         self, schedule: Schedule, pool: BoxPool, cells: CellTable, step: int, time: float, dt: float
     ) -> None:
         """Look at where cells are after a step of δt."""
-        steady = self._numerics.tolerance is None
-        if not steady:
+        varied, lags = self._numerics.tolerance is not None, cells["error_lags"]
+        if varied:
             self._find_lags(dt)
-            cells["error_lags"][:] += dt * self._lags[:, [0, 3]]
+            lags += dt * self._lags[:, [0, 3]]
         if step < self._next_look or not self._born:
             return
         steps = interval.py_func(step - self._born[-1])
         self._next_look = (step // steps + 1) * steps
-        if steady:
-            self._find_lags(dt)
-        else:
+        if varied:
             gap = np.maximum(time - cells["error_clock"][:, TIME], dt)
-            self._lags[:, [0, 3]] = cells["error_lags"] / gap[:, None]
-            self._lags[:, 1] = self._lags[:, 0]
+            self._lags[:, [0, 1, 3]] = lags[:, [0, 0, 1]] / gap[:, None]
+        else:
+            self._find_lags(dt)
         look(
             schedule.bounds, schedule.order, pool.phi, pool.boxes, self._numerics.spacing, step,
             time, self._lags, self._places, cells["error_place"], cells["error_speed"],
             cells["error_time"], cells["error_clock"],
         )  # fmt: skip
-        if not steady:
-            cells["error_lags"][cells["error_clock"][:, TIME] == time] = 0
+        lags[cells["error_clock"][:, TIME] == time] = 0
 
     def _find_lags(self, dt: float) -> None:
         """Lags of velocities; see `kernels.defects.look`."""
