@@ -357,7 +357,7 @@ def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
 
 @command()
 def bench(
-    seconds: Annotated[float, typer.Option(help="about how long to time")] = 60.0,
+    seconds: Annotated[float, typer.Option(help="about how long to time steps")] = 60.0,
     json_file: Annotated[
         Path | None,
         typer.Option("--json", dir_okay=False, help="also write the result to this file"),
@@ -365,7 +365,7 @@ def bench(
     threads: Annotated[int, typer.Option(help="number of threads to compare with one; 0: all")] = 0,
     overwrite: Overwrite = False,
 ) -> None:
-    """Time this machine: steps of 100 cells and of the embryo, memory, bandwidth."""
+    """Time this machine: steps of 100 cells and of the embryo, the embryo to its end, bandwidth."""
     from morphosim.bench import measure, text
 
     if json_file is not None:
