@@ -341,11 +341,11 @@ def test_a_terminal_that_is_closed_ends_a_run_saved(tmp_path: Path) -> None:
     )  # fmt: skip
     os.close(inner)
     try:
-        end = time.monotonic() + 120
+        end = time.monotonic() + 240
         while not (tmp_path / "run" / "save-000001.nc").exists() and time.monotonic() < end:
             time.sleep(0.05)
         os.close(terminal)
-        assert run.wait(timeout=60) == 130
+        assert run.wait(timeout=240) == 130
     finally:
         run.kill()
     again = Simulation.from_run(tmp_path / "run")

@@ -158,7 +158,7 @@ class User:
         own = {"python": [sys.executable], "morphosim": [sys.executable, "-m", "morphosim"]}
         command = [part for word in words for part in own.get(word, [word])]
         done = subprocess.run(
-            [*MPI, *command], capture_output=True, text=True, timeout=120, check=False,
+            [*MPI, *command], capture_output=True, text=True, timeout=240, check=False,
             env=os.environ | {"OMPI_MCA_mpi_yield_when_idle": "1", "NUMBA_NUM_THREADS": "1"},
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

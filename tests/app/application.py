@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from morphosim import Cell, Physics, RunWriter, Scene, Simulation, Sphere
 from morphosim.app.form import SOURCES, STATE
 
 if TYPE_CHECKING:
-    from playwright.sync_api import FrameLocator, Page
+    from playwright.sync_api import FrameLocator, Locator, Page
 
 NAMES = ["A", "B", "C"]
 GRID = (120, 80, 60)
@@ -25,7 +26,7 @@ GRID = (120, 80, 60)
 WIDE = {"width": 1500, "height": 1000}
 NARROW = {"width": 420, "height": 900}
 """Sizes of the window: a screen and a telephone."""
-PATIENCE = 60_000
+PATIENCE = 120_000
 """Milliseconds; the first step may compile kernels."""
 
 Test = TypeVar("Test", bound=Callable[..., object])
@@ -138,13 +139,40 @@ def state(page: "Page", key: str) -> Any:
 def choose(page: "Page", label: str, option: str) -> None:
     """Choose an entry of a list, as a user does."""
     page.get_by_role("combobox", name=label).first.click()
-    page.get_by_role("option", name=option, exact=True).click()
+    click_option(page, option)
+
+
+def click_option(page: "Page", name: str) -> None:
+    """Click an entry of the list that is open; once more if it has moved under the mouse."""
+    entry = page.get_by_role("option", name=name, exact=True)
+    entry.click()
+    while not is_gone(entry):
+        entry.click()
+
+
+def is_gone(entry: "Locator") -> bool:
+    """Whether an entry is not seen any more, at once or after a moment."""
+    from playwright.sync_api import TimeoutError as TooLateError
+
+    try:
+        entry.wait_for(state="hidden", timeout=2000)
+    except TooLateError:
+        return False
+    return True
 
 
 def clear(page: "Page", label: str) -> None:
     """Empty a list by its cross, which is there under the mouse."""
     page.get_by_role("combobox", name=label).first.hover()
     page.get_by_label(re.compile(f"^Clear {label}")).click()
+
+
+def wait_for_cells(page: "Page", viewer: "FrameLocator", count: int) -> None:
+    """Wait until a viewer shows so many cells."""
+    end = monotonic() + PATIENCE / 1000
+    while cells_seen(viewer) < count:
+        assert monotonic() < end, f"{cells_seen(viewer)} cells are seen, not {count}"
+        page.wait_for_timeout(500)
 
 
 def cells_seen(viewer: "FrameLocator") -> int:

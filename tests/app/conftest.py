@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.app.application import NAME_OF, USED, WIDE, choose_no_files, served, wait, write_example
-from tests.pictures.browser import chromium, reason_for_none
+from tests.app.application import (
+    NAME_OF,
+    PATIENCE,
+    USED,
+    WIDE,
+    choose_no_files,
+    served,
+    wait,
+    write_example,
+)
+from tests.pictures.browser import PLAIN, chromium, reason_for_none
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -20,6 +29,12 @@ if (window === window.top)
   for (const kind of ["click", "input", "change"])
     window.addEventListener(kind, (event) => window.used(nameOf(event.target)), true);
 """
+STILL = """
+const still = new CSSStyleSheet(), none = "animation: none !important; transition: none !important";
+still.replaceSync(`*, *::before, *::after { ${none} }`);
+document.adoptedStyleSheets = [...document.adoptedStyleSheets, still];
+"""
+"""Without what moves for its own sake, which Chromium paints at every tick and tests wait for."""
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +58,7 @@ def address(folder: Path) -> Iterator[str]:
 @pytest.fixture(scope="module")
 def browser() -> "Iterator[Browser]":
     """Browser for the pages."""
-    with chromium() as found:
+    with chromium(*PLAIN) as found:
         yield found
 
 
@@ -58,10 +73,10 @@ def page(request: pytest.FixtureRequest, browser: "Browser", address: str) -> "I
     used: set[str] = set()
     faults: list[str] = []
     found = browser.new_page(viewport=size)
-    found.set_default_timeout(60_000)
+    found.set_default_timeout(PATIENCE)
     found.on("pageerror", lambda error: faults.append(str(error)))
     found.expose_function("used", lambda name: used.add(name))
-    found.add_init_script(LISTEN)
+    found.add_init_script(LISTEN + STILL)
     found.goto(address)
     wait(found, "!state.reading && state.status === 'idle'")
     choose_no_files(found)

@@ -8,8 +8,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.app.application import served, wait
-from tests.pictures.browser import chromium
+from tests.app.application import PATIENCE, served, wait
+from tests.pictures.browser import PLAIN, chromium
 
 pytest.importorskip("trame_vuetify", reason="trame is not installed")
 
@@ -20,23 +20,23 @@ def test_beyond_this_machine_a_token_is_needed(tmp_path: Path) -> None:
         named = urlsplit(address)
         assert named.hostname == socket.gethostname().lower()
         local = f"http://127.0.0.1:{named.port}/?{named.query}"
-        with urllib.request.urlopen(local, timeout=30) as answer:
+        with urllib.request.urlopen(local, timeout=120) as answer:
             assert answer.status == 200
             assert answer.headers["Content-Security-Policy"] == "frame-ancestors 'self'"
         for path in ("", "viewer", "files/x", "ws"):
             with pytest.raises(urllib.error.HTTPError, match="403"):
-                urllib.request.urlopen(local.split("?")[0] + path, timeout=30)
+                urllib.request.urlopen(local.split("?")[0] + path, timeout=120)
 
 
 def test_a_page_that_has_lost_its_server_says_so_and_comes_back(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = str(free.getsockname()[1])
-    with chromium() as browser:
+    with chromium(*PLAIN) as browser:
         page = browser.new_page()
         with served(tmp_path, "--port", port) as address:
             page.goto(address)
             wait(page, "state.cells.length === 8")
         page.get_by_role("heading", name="MorphoSim does not answer").wait_for()
         with served(tmp_path, "--port", port):
-            page.get_by_role("heading", name="Simulate").wait_for(timeout=60_000)
+            page.get_by_role("heading", name="Simulate").wait_for(timeout=PATIENCE)
             wait(page, "state.cells.length === 8")

@@ -19,13 +19,12 @@ from morphosim import open_run as run_of
 from tests.app.application import (
     NAME_OF,
     NARROW,
-    PATIENCE,
     USED,
     WIDE,
-    cells_seen,
     choose,
     chosen,
     clear,
+    click_option,
     open_run,
     read_example,
     read_files,
@@ -34,6 +33,7 @@ from tests.app.application import (
     type_in,
     uses,
     wait,
+    wait_for_cells,
 )
 
 if TYPE_CHECKING:
@@ -236,7 +236,7 @@ def test_a_run_is_as_the_form_says(page: "Page", folder: Path) -> None:
     page.get_by_label("Shell", exact=True).uncheck()
     page.get_by_label("Name of the run").fill("runs/mine")
     press(page, "Run")  # at once: what has just been typed holds
-    page.locator("#run_note", has_text="runs/mine is saved").wait_for(timeout=PATIENCE)
+    page.locator("#run_note", has_text="runs/mine is saved").wait_for()
     assert not page.locator("#run_error").is_visible()
     with (folder / "runs/mine/scene.toml").open("rb") as file:
         scene = tomllib.load(file)
@@ -249,15 +249,14 @@ def test_a_run_is_as_the_form_says(page: "Page", folder: Path) -> None:
         assert run["time"].values.tolist() == [0, 10, 20]
     live = page.frame_locator("#live-viewer")
     live.get_by_text("first", exact=True).first.wait_for()
-    page.wait_for_timeout(500)
-    assert cells_seen(live) >= 3
+    wait_for_cells(page, live, 3)
 
     assert page.locator("#status").inner_text() == "finished"
     assert page.locator("#progress").inner_text().startswith("t = 20 of 20 · 3 cells")
     assert "left" not in page.locator("#progress").inner_text()
     assert page.get_by_label("Name of the run").input_value() == "runs/mine-2"
     press(page, "Run")
-    page.locator("#run_note", has_text="runs/mine-2 is saved").wait_for(timeout=PATIENCE)
+    page.locator("#run_note", has_text="runs/mine-2 is saved").wait_for()
     assert page.get_by_label("Name of the run").input_value() == "runs/mine-3"
 
 
@@ -292,9 +291,9 @@ def test_attraction_of_a_pair_among_many(page: "Page") -> None:
     assert len(names) == 27
     for j, i, value, both in ((3, 5, "0.25", True), (4, 2, "0.75", False)):
         page.get_by_role("combobox", name="σ: pull of").first.fill(names[j])
-        page.get_by_role("option", name=names[j], exact=True).click()
+        click_option(page, names[j])
         page.get_by_role("combobox", name="on", exact=True).first.fill(names[i])
-        page.get_by_role("option", name=names[i], exact=True).click()
+        click_option(page, names[i])
         page.get_by_label("both ways").set_checked(both)
         page.get_by_label("to", exact=True).fill(value)
         press(page, "Set")

@@ -433,7 +433,7 @@ def test_code_that_a_scene_file_names_is_not_imported(store: Store) -> None:
         child = Child(lambda *said: heard.put(said))
     try:
         child.do(worker.save, settings=settings(two_cells(), source), name="x", store=store)
-        assert heard.get(timeout=60) == ("failed", str(caught.value))
+        assert heard.get(timeout=240) == ("failed", str(caught.value))
     finally:
         child.close()
     assert "\n" not in str(caught.value)

@@ -178,11 +178,11 @@ def test_jobs_of_a_process_of_their_own(tmp_path: Path) -> None:
     child = Child(lambda *said: heard.put(said))
     try:
         child.do(worker.resume, name="x", store=Store(tmp_path))
-        kind, text = heard.get(timeout=60)
+        kind, text = heard.get(timeout=240)
         assert kind == "failed"
         assert str(text).startswith("there is no run 'x'")
         child.do(worker.warm_up)
-        assert heard.get(timeout=60) == ("done", None)
+        assert heard.get(timeout=240) == ("done", None)
     finally:
         child.close()
     assert not child.alive

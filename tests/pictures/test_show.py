@@ -80,8 +80,19 @@ def tab(browser: "Browser", file: Path, request: pytest.FixtureRequest) -> "Iter
 
 
 def settled(tab: "Tab") -> None:
-    """Wait until what was asked for is drawn, and names stand where they should."""
+    """Wait until what was asked for is drawn, and names stand where they should.
+
+    Which takes some pictures of the screen, and these take their time on a busy machine.
+    """
     tab.wait_for_timeout(400)
+    wait_for_pictures(tab, 10)
+
+
+def wait_for_pictures(tab: "Tab", count: int) -> None:
+    tab.evaluate(
+        "left => new Promise(done => {"
+        " const next = () => left-- ? requestAnimationFrame(next) : done(); next(); })", count
+    )  # fmt: skip
 
 
 def picture(tab: "Tab") -> NDArray[np.uint8]:
@@ -106,6 +117,7 @@ def post(tab: "Tab", kind: str, **values: Any) -> None:
 def told(tab: "Tab", kind: str) -> list[dict[str, Any]]:
     """Messages that the viewer has sent, which take a moment to arrive."""
     tab.wait_for_timeout(200)
+    wait_for_pictures(tab, 5)
     return [one for one in tab.evaluate("told") if one.get("morphosim") == kind]
 
 
