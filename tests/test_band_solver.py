@@ -57,11 +57,9 @@ def test_two_iterations_are_within_a_nanometre_of_the_transforms() -> None:
 
 
 def test_more_iterations_are_nearer_to_the_exact_solution() -> None:
-    exact = centroids(30, laplacian="stencil", box_tolerance=1e-5, precision="double")
+    exact = centroids(30, laplacian="stencil", box_tolerance=1e-5)
     errors = [
-        np.abs(
-            centroids(30, solver="band", sweeps=n, box_tolerance=1e-5, precision="double") - exact
-        ).max()
+        np.abs(centroids(30, solver="band", sweeps=n, box_tolerance=1e-5) - exact).max()
         for n in (2, 3, 6)
     ]
     assert errors[1] < 0.7 * errors[0]

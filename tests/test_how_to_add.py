@@ -42,7 +42,7 @@ def written(what: str, name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType
 def scene(**options: object) -> Scene:
     cells = [Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=4)) for name, x in
              (("a", 0.0), ("b", 8.5))]  # fmt: skip
-    numerics = Numerics(solver="band", threads=1, precision="double")
+    numerics = Numerics(solver="band", threads=1)
     return Scene(**({"cells": cells, "numerics": numerics, "duration": 40.0} | options))
 
 

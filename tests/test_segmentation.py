@@ -3,6 +3,7 @@
 import re
 import zipfile
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -540,15 +541,21 @@ def prolate(x: Any, y: Any, z: Any) -> np.ndarray:
     return ((x / 8) ** 2 + (y / 4.5) ** 2 + (z / 4.5) ** 2 < 1).astype(int)
 
 
-@pytest.mark.parametrize("confinement", [None, "image"])
 @pytest.mark.parametrize(
-    ("shape", "sigma"), [(ball(5.0), 0.0), (ball(8.0), 0.0), (doublet, 0.5), (prolate, 0.0)]
+    ("shape", "sigma", "confinement"),
+    [
+        (ball(5.0), 0.0, None),
+        (ball(8.0), 0.0, "image"),
+        (doublet, 0.5, "image"),
+        (prolate, 0.0, None),
+    ],
+    ids=["small", "large in walls", "two in walls", "long"],
 )
 def test_cells_keep_their_size(shape: Any, sigma: float, confinement: str | None) -> None:
     image = photographed(0.5, shape, reach=11.0)
     scene = import_labels(image, confinement=confinement, physics=Physics(sigma=sigma))
     simulation = Simulation(scene)
-    simulation.run(until=80)
+    simulation.run(until=40)
     sizes = [cell_surface(field, 0.5).volume for field in simulation.fields]
     measured = np.bincount(image.labels.ravel())[1:] * image.voxel
     np.testing.assert_allclose(sizes, measured, rtol=5e-3)
@@ -830,6 +837,19 @@ def test_walls_of_an_image_get_what_they_need(walled: Path, numerics: dict[str, 
 SHELL = EllipsoidShell(center=(0, 2.5, 0), semi_axes=(14.5, 14.5, 14.5))
 
 
+def adhering(*active: int, spacing: Any = 0.5, volumes: str = "surface") -> Scene:
+    """The embryo of an image of such voxels, of which these cells move; all if none is named."""
+    return imported(active, spacing, volumes)
+
+
+@cache
+def imported(active: tuple[int, ...], spacing: Any, volumes: str) -> Scene:
+    return import_labels(
+        photographed(spacing), active=active or None, physics=Physics(sigma=0.5),
+        confinement=SHELL, volumes=volumes,
+    )  # fmt: skip
+
+
 def overlaps(simulation: Simulation) -> list[float]:
     """IoU of each cell with what was photographed, at the points of the lattice."""
     origin, labels = label_image(simulation.fields)
@@ -846,18 +866,13 @@ def overlaps(simulation: Simulation) -> list[float]:
 @pytest.mark.parametrize("spacing", [0.5, (0.25, 0.25, 1.0)])
 @pytest.mark.parametrize(("volumes", "least"), [("voxels", 0.9), ("surface", 0.96)])
 def test_shapes_come_through(spacing: Any, volumes: str, least: float) -> None:
-    scene = import_labels(
-        photographed(spacing), physics=Physics(sigma=0.5), confinement=SHELL, volumes=volumes
-    )
-    simulation = Simulation(scene)
+    simulation = Simulation(adhering(spacing=spacing, volumes=volumes))
     simulation.run(until=20)
     assert min(overlaps(simulation)) > least
 
 
 def test_only_the_region_of_interest_moves(tmp_path: Path) -> None:
-    physics = Physics(sigma=0.5)
-    scene = import_labels(photographed(), active=[3], physics=physics, confinement=SHELL)
-    save_scene(scene, tmp_path / "scene.toml")
+    save_scene(adhering(3), tmp_path / "scene.toml")
     simulation = Simulation(load_scene(tmp_path / "scene.toml"))
     before = simulation.centroids
     simulation.run(until=20)
@@ -867,10 +882,9 @@ def test_only_the_region_of_interest_moves(tmp_path: Path) -> None:
 
 
 def test_a_relaxed_scene_starts_from_what_a_free_one_becomes() -> None:
-    options = {"physics": Physics(sigma=0.5), "confinement": SHELL}
-    free = Simulation(import_labels(photographed(), **options))
+    free = Simulation(adhering())
     free.run(until=10)
-    scene = import_labels(photographed(), active=[3], **options)
+    scene = adhering(3)
     start = relaxed(scene)
     assert [cell.frozen for cell in start.cells] == [True, True, False]
     assert [cell.volume for cell in start.cells] == [cell.volume for cell in scene.cells]
@@ -890,9 +904,8 @@ def test_a_scene_is_relaxed_without_its_stages() -> None:
 
 
 def test_frozen_neighbours_push_less_when_relaxed() -> None:
-    options = {"physics": Physics(sigma=0.5), "confinement": SHELL}
-    rough = import_labels(photographed(), active=[3], **options)
-    free, smooth = relaxed(import_labels(photographed(), **options)), relaxed(rough)
+    rough = adhering(3)
+    free, smooth = relaxed(adhering()), relaxed(rough)
     ends = []
     for scene in (free, smooth, rough):
         simulation = Simulation(scene)

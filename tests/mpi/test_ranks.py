@@ -122,9 +122,7 @@ from morphosim.mpi.distributed_simulation import DistributedSimulation
 count, output = int(sys.argv[1]), Path(sys.argv[2])
 cells = [Cell(name=f"c{k}", shape=Sphere(center=(8 * k, 0, 0), radius=4)) for k in range(count)]
 try:
-    scene = Scene(cells=cells, duration=6, save_every=4).with_numerics(
-        precision="double", dt=2.0
-    )
+    scene = Scene(cells=cells, duration=6, save_every=4)
     status = go(
         lambda: DistributedSimulation(scene), output, lambda text, err=False: print(text),
         summary=lambda simulation, bar, path: f"{len(simulation.volumes)} cells at {path.name}",

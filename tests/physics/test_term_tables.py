@@ -83,7 +83,7 @@ def scene(*terms: Term, **options: Any) -> Scene:
     return Scene(**({
         "cells": [Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=4.0))],
         "physics": Physics(terms=terms), "duration": 8.0, "save_every": 4.0,
-        "numerics": Numerics(threads=1, solver="band", precision="double"),
+        "numerics": Numerics(threads=1, solver="band"),
     } | options))  # fmt: skip
 
 
