@@ -294,7 +294,7 @@ def test_steps_long_for_the_run_are_warned_of(scene: Scene, words: tuple[str, ..
 @pytest.mark.parametrize("call", [Simulation, lambda scene: relaxed(scene, 2.0)])
 def test_a_warning_points_to_the_line_of_the_user(call: Callable[[Scene], object]) -> None:
     with pytest.warns(StabilityWarning) as caught:
-        call(with_6(pair(radius=2.5, distance=5.0), scheme="imex1"))
+        call(with_6(pair(M=30.0)))
     assert caught[0].filename == __file__
 
 

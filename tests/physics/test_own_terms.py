@@ -153,7 +153,7 @@ def test_a_force_at_points_is_that_of_the_kernel(solver: str) -> None:
 
 
 def test_forces_at_points_add_up() -> None:
-    """Two compiled functions with values of their own, in double precision too."""
+    """Two compiled functions with values of their own, in single precision too."""
     rng = np.random.default_rng(3)
     phi, *gradient = rng.random(4)
     values = np.array([0.3, 0.2, 1.0, 0.7])
@@ -161,7 +161,7 @@ def test_forces_at_points_add_up() -> None:
     found = records([(slowed, values[None, :3]), (leaning, values[None, 3:])], np.dtype(np.float64))
     given = force_at_point(found, 0, phi, *gradient, 2.0)
     np.testing.assert_allclose(given, expected, rtol=1e-14)
-    both = Simulation(scene(Stiffness(), Lean()).with_numerics(precision="double"))
+    both = Simulation(scene(Stiffness(), Lean()))
     both.step(4)
     assert np.isfinite(both.volumes).all()
 
