@@ -143,34 +143,34 @@ def stability_picture(data: xr.Dataset, path: Path) -> None:
 def limits_picture(data: xr.Dataset, path: Path) -> None:
     """How each extreme ends, and the measured limits."""
     names = [str(n) for n in data.parameter.values]
-    presets = [str(p) for p in data.preset.values]
+    columns = [str(p) for p in data.numerics.values]
     figure, all_axes = plt.subplots(
-        len(names), 1, figsize=(9, 0.75 * len(names) + 0.6), layout="constrained"
+        len(names), 1, figsize=(9, 0.9 * len(names) + 0.6), layout="constrained"
     )
     looks = {
         "stable": ("o", COLORS[2]), "vanished": ("v", COLORS[1]), "diverged": ("X", COLORS[5]),
-        "flips": ("D", COLORS[3]), "unsound": ("P", COLORS[3]),
+        "flips": ("D", COLORS[3]), "unsound": ("P", COLORS[3]), "missed": ("s", COLORS[5]),
     }  # fmt: skip
     used: dict[str, object] = {}
     extremes = zip(
-        data.extreme_parameter.values, data.extreme_value.values, data.extreme_preset.values,
+        data.extreme_parameter.values, data.extreme_value.values, data.extreme_numerics.values,
         data.extreme_outcome.values, strict=True,
     )  # fmt: skip
     rows = [(str(n), float(v), str(p), str(o)) for n, v, p, o in extremes]
     for name, axes in zip(names, all_axes, strict=True):
         own = [row for row in rows if row[0] == name]
-        for _, value, preset, end in own:
+        for _, value, chosen, end in own:
             marker, color = looks[end]
             (used[end],) = axes.plot(
-                value, presets.index(preset), marker, color=color, ms=9, clip_on=False, ls=""
+                value, columns.index(chosen), marker, color=color, ms=9, clip_on=False, ls=""
             )
-        for k, preset in enumerate(presets):
-            limit = float(data["limit"].sel(parameter=name, preset=preset))
+        for k, chosen in enumerate(columns):
+            limit = float(data["limit"].sel(parameter=name, numerics=chosen))
             axes.plot([limit, limit], [k - 0.45, k + 0.45], "-", color="black", lw=2)
         positive = [row[1] for row in own if row[1] > 0]
         if max(positive) / min(positive) > 50:
             axes.set_xscale("symlog" if len(positive) < len(own) else "log")
-        axes.set(ylim=(-0.6, len(presets) - 0.4), yticks=range(len(presets)), yticklabels=presets)
+        axes.set(ylim=(-0.6, len(columns) - 0.4), yticks=range(len(columns)), yticklabels=columns)
         axes.set_ylabel(name, rotation=0, ha="right", va="center", labelpad=8, weight="bold")
         axes.grid(axis="x", alpha=0.3)
         axes.tick_params(labelsize=8)

@@ -1,10 +1,11 @@
 """The stability map: smallest stable S, stretch of time, and the limits of every parameter.
 
-Run as `python benchmarks/stability.py` (about half an hour). Writes stability.nc, lag.nc,
-stability.md and stability.png into the output folder. With `--lag` it measures the last part alone
-(five minutes). With `--tolerance 10` it runs the extremes alone, with steps of that tolerance, and
-counts their steps. With `--random 60` it runs that many scenes of random, extreme numbers through
-the command line instead, and counts how they end, with `--tolerance` under error control too.
+Run as `python benchmarks/stability.py` (about half an hour). Writes one file for each of its parts,
+stability.md and the pictures into the output folder; with `--only limits`, say, it measures that
+part alone, and draws what is there. With `--tolerance 10` it runs the extremes alone, with steps of
+that tolerance, and counts their steps. With `--random 60` it runs that many scenes of random,
+extreme numbers through the command line instead, and counts how they end, with `--tolerance` under
+error control too.
 
 A run is stable if it takes all its steps, ends with sound fields (-0.3 < φ < 1.5) and does not
 flip from step to step. The parts:
@@ -13,7 +14,8 @@ flip from step to step. The parts:
   published and with resolved ones, beside what `morphosim.scene.stability` predicts;
 - the stretch of *in silico* time at that S (Fig. S3): the factor by which the embryo's trajectory
   is slower than that of small steps;
-- the limits of physical parameters at the presets `standard` and `published`;
+- the limits of physical parameters with steps of δt = 2, with a tolerance (the preset `standard`),
+  and with the preset `published`;
 - what long steps miss: the error of the fields at the end of runs, as a share of what has changed
   since their start, beside what `morphosim.scene.stability.missed` says of it.
 """
@@ -28,6 +30,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -42,7 +45,7 @@ from scipy.optimize import minimize_scalar
 
 from morphosim import BoxWalls, Cell, DivergenceError, Numerics, Scene, Simulation, Sphere
 from morphosim.cell_field import CellField
-from morphosim.errors import CellVanishedError
+from morphosim.errors import CellVanishedError, ToleranceError
 from morphosim.scene.stability import is_late, lag, least_S, missed, pressing
 
 TIME_STEPS = (0.1, 0.3, 0.5, 1.0, 1.5, 2.0, 2.1, 2.5, 3.0, 4.0)
@@ -56,7 +59,10 @@ LONG = 1e9
 
 
 def outcome(scene: Scene, steps: int) -> str:
-    """What becomes of a scene: stable, flips, unsound, diverged or vanished; never NaN."""
+    """What becomes of a scene: stable, flips, unsound, diverged, vanished or missed; never NaN.
+
+    Missed is a tolerance.
+    """
     return outcome_of(Simulation(scene), steps)
 
 
@@ -72,6 +78,8 @@ def outcome_of(simulation: Simulation, steps: int) -> str:
         end = "diverged"
     except CellVanishedError:
         end = "vanished"
+    except ToleranceError:
+        end = "missed"
     low = min(float(f.phi.min()) for f in simulation.fields)
     high = max(float(f.phi.max()) for f in simulation.fields)
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -137,6 +145,13 @@ def map_of_S(scene: Scene) -> xr.Dataset:
     return xr.Dataset(
         {"smallest_S": (dims, found), "predicted_S": (dims, predicted)}, coords=coords
     )
+
+
+def stable_map() -> xr.Dataset:
+    """`map_of_S` of the embryo, and the stretch of time where walls are as published."""
+    smallest = map_of_S(embryo())
+    published = smallest["smallest_S"].sel(walls="stepped", drop=True)
+    return smallest.assign(stretch=stretches(embryo().with_numerics(walls="stepped"), published))
 
 
 def trajectory(scene: Scene, until: float, every: float) -> tuple[np.ndarray, np.ndarray]:
@@ -246,49 +261,78 @@ HEAD = """# Stability
 
 Measured by `benchmarks/stability.py`; see [choosing numerics](choosing-numerics.md). First the
 smallest stable S of the eight-cell embryo, in brackets what `morphosim.scene.stability.least_S`
-asks for; then how far single parameters go at two presets: at `standard` S is chosen for each.
+asks for.
 
 """
-LIMIT_PRESETS = ("standard", "published")
+LIMIT_HEAD = """
+## Limits of parameters
+
+How far single parameters go in the time of 150 steps of δt = 2: with these steps and an S that is
+chosen for each value, with the preset `standard`, whose steps have a tolerance of 10, and with
+`published`.
+
+"""
 
 
-def limits(steps: int = 150) -> tuple[xr.Dataset, list[dict[str, Any]]]:
-    """Limit of each parameter by preset, and what its extremes end in."""
+def numerics_of(tolerance: float, spacing: float) -> Numerics:
+    """The preset "standard" with a tolerance of its own."""
+    return Numerics.preset("standard", tolerance=tolerance, spacing=spacing, allow_coarse=True)
+
+
+def fixed_steps(spacing: float) -> Numerics:
+    """Steps of δt = 2, for which S is chosen."""
+    return Numerics(spacing=spacing, allow_coarse=True)
+
+
+def published(spacing: float) -> Numerics:
+    """The preset."""
+    return Numerics.preset("published", spacing=spacing, allow_coarse=True)
+
+
+LIMIT_NUMERICS: dict[str, Callable[[float], Numerics]] = {
+    "δt = 2, S chosen": fixed_steps,
+    f"tolerance {TOLERANCE:g}": partial(numerics_of, TOLERANCE),
+    "published": published,
+}
+"""Numerics whose limits are measured, each for a lattice spacing."""
+
+
+def limits(steps: int = 150) -> xr.Dataset:
+    """Limit of each parameter by numerics, and what its extremes end in."""
     rows = []
-    table = np.full((len(PARAMETERS), len(LIMIT_PRESETS)), np.nan)
+    table = np.full((len(PARAMETERS), len(LIMIT_NUMERICS)), np.nan)
     for k, parameter in enumerate(PARAMETERS):
-        for j, preset in enumerate(LIMIT_PRESETS):
-            chosen = Numerics.preset(preset, allow_coarse=True)
+        for j, (name, chosen) in enumerate(LIMIT_NUMERICS.items()):
 
-            def run(value: float, p: Parameter = parameter, n: Numerics = chosen) -> str:
+            def run(value: float, p: Parameter = parameter, n: Any = chosen) -> str:
                 scene = p.make(value)
-                own = scene.numerics.spacing
-                numerics = replace(n, spacing=own)  # of a run that is not refused for being late
+                numerics = n(scene.numerics.spacing)  # of a run that is not refused for being late
                 return outcome(replace(scene, numerics=numerics, duration=LONG), steps)
 
             for value in parameter.extremes:
                 begin = time.perf_counter()
                 end = run(value)
                 rows.append({
-                    "parameter": parameter.name, "value": value, "preset": preset, "outcome": end,
+                    "parameter": parameter.name, "value": value, "numerics": name, "outcome": end,
                     "seconds": time.perf_counter() - begin,
                 })  # fmt: skip
                 print(*rows[-1].values(), flush=True)
             table[k, j] = _limit(parameter, run)
-            print(parameter.name, preset, "limit", table[k, j], flush=True)
+            print(parameter.name, name, "limit", table[k, j], flush=True)
     names = [p.name for p in PARAMETERS]
-    coords = {"parameter": names, "preset": list(LIMIT_PRESETS)}
-    return xr.Dataset({"limit": (("parameter", "preset"), table)}, coords=coords), rows
+    coords = {"parameter": names, "numerics": list(LIMIT_NUMERICS)}
+    found = xr.Dataset({"limit": (("parameter", "numerics"), table)}, coords=coords)
+    return xr.merge([found, extremes_dataset(rows)], join="exact", compat="equals")
 
 
-def under_control(tolerance: float, steps: int = 150) -> list[dict[str, Any]]:
+def under_control(tolerance: float = TOLERANCE, steps: int = 150) -> xr.Dataset:
     """What the extremes end in where steps have a tolerance, in the time of so many δt."""
     rows = []
     for parameter in PARAMETERS:
         for value in parameter.extremes:
             scene = parameter.make(value)
-            changes = {"tolerance": tolerance, "solver": "band", "allow_coarse": True}
-            simulation = Simulation(scene.with_numerics(**changes))
+            numerics = numerics_of(tolerance, scene.numerics.spacing)
+            simulation = Simulation(replace(scene, numerics=numerics))
             begin = time.perf_counter()
             end = outcome_of(simulation, steps)
             rows.append({
@@ -297,7 +341,7 @@ def under_control(tolerance: float, steps: int = 150) -> list[dict[str, Any]]:
                 "seconds": time.perf_counter() - begin,
             })  # fmt: skip
             print(*rows[-1].values(), flush=True)
-    return rows
+    return extremes_dataset(rows).assign_attrs(tolerance=tolerance)
 
 
 def _limit(parameter: Parameter, run: Callable[[float], str]) -> float:
@@ -319,10 +363,11 @@ LAG_TIMES = (16.0, 64.0, 256.0, 1024.0, 4096.0)
 LAG_HEAD = """
 ## Long steps
 
-By `benchmarks/stability.py --lag`, with the band solver and S = 6: the error of the fields at the
-end of a run, as a share of what has changed since its start (∫abs(Δφ), all cells), against δt =
-0.5; in brackets what `morphosim.scene.stability.missed` says, (1 - exp(-T/L)) L/T with the lag L =
-S δt²/τ. Bold is what is refused, or warned of: more than 15 %, unless L is at most 16 τ/2γc = 42.
+By `benchmarks/stability.py --only lag`, with the band solver and S = 6: the error of the fields at
+the end of a run, as a share of what has changed since its start (∫abs(Δφ), all cells), against
+δt = 0.5; in brackets what `morphosim.scene.stability.missed` says, (1 - exp(-T/L)) L/T with the lag
+L = S δt²/τ. Bold is what is refused, or warned of: more than 15 %, unless L is at most 16 τ/2γc =
+42.
 
 """
 
@@ -330,9 +375,9 @@ S δt²/τ. Bold is what is refused, or warned of: more than 15 %, unless L is a
 CONTROL_HEAD = """
 ## Extremes under error control
 
-By `benchmarks/stability.py --tolerance {tolerance:g}`, with steps of that tolerance and other
-numbers as by default: how the extremes end at t = 300 and three steps later, in which none may
-flip, or before, and in how many steps. Steps of δt = 2 would be 150; of the least length, 9600.
+By `benchmarks/stability.py --tolerance {tolerance:g}`, with the preset `standard` and steps of that
+tolerance: how the extremes end at t = 300 and three steps later, in which none may flip, or before,
+and in how many steps. Steps of δt = 2 would be 150; of the least length, 9600.
 
 """
 
@@ -395,8 +440,8 @@ def _late_text(share: float, run: Scene) -> str:
     return f"**{text}**" if is_late(run) else text
 
 
-def markdown(data: xr.Dataset) -> str:
-    """Tables of the map and of the limits."""
+def map_markdown(data: xr.Dataset) -> str:
+    """The table of the smallest S."""
     rows = []
     for walls in WALLS:
         for scheme in SCHEMES:
@@ -404,12 +449,18 @@ def markdown(data: xr.Dataset) -> str:
             pairs = zip(at.smallest_S.values, at.predicted_S.values, strict=True)
             cells = [f"{found:.1f} ({predicted:.1f})" for found, predicted in pairs]
             rows.append([walls, scheme, *cells])
-    smallest = markdown_table(["walls", "scheme", *(f"δt = {d:g}" for d in data.dt.values)], rows)
-    bounds = []
+    return HEAD + markdown_table(
+        ["walls", "scheme", *(f"δt = {d:g}" for d in data.dt.values)], rows
+    )
+
+
+def limits_markdown(data: xr.Dataset) -> str:
+    """The table of limits."""
+    rows = []
     for parameter in PARAMETERS:
         values = data["limit"].sel(parameter=parameter.name).values
-        bounds.append([parameter.name, *(_limit_text(parameter, float(v)) for v in values)])
-    return f"{HEAD}{smallest}\n{markdown_table(['parameter', *LIMIT_PRESETS], bounds)}"
+        rows.append([parameter.name, *(_limit_text(parameter, float(v)) for v in values)])
+    return LIMIT_HEAD + markdown_table(["parameter", *data.numerics.values.tolist()], rows)
 
 
 def _limit_text(parameter: Parameter, value: float) -> str:
@@ -451,12 +502,36 @@ def random_ends(count: int, tolerance: float | None) -> Counter[str]:
     return ends
 
 
+PARTS: dict[str, tuple[Callable[[], xr.Dataset], Callable[[xr.Dataset], str]]] = {
+    "map": (stable_map, map_markdown),
+    "limits": (limits, limits_markdown),
+    "lag": (lags, lag_markdown),
+    "control": (under_control, control_markdown),
+}
+"""How each part is measured, and told; in the order of stability.md."""
+PICTURES = {"map": ("stability.png", stability_picture), "limits": ("limits.png", limits_picture)}
+
+
+def write(output: Path) -> None:
+    """Tables and pictures of the parts that have been measured."""
+    parts = {
+        part: xr.load_dataset(path) for part in PARTS if (path := output / f"{part}.nc").exists()
+    }
+    text = "".join(PARTS[part][1](data) for part, data in parts.items())
+    (output / "stability.md").write_text(text, encoding="utf-8")
+    print(text)
+    for part, data in parts.items():
+        if part in PICTURES:
+            name, draw = PICTURES[part]
+            draw(data, output / name)
+
+
 def main() -> None:
     """Measure and write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/stability"))
-    parser.add_argument("--table", action="store_true", help="only redraw tables and pictures")
-    parser.add_argument("--lag", action="store_true", help="only measure what long steps miss")
+    parser.add_argument("--only", nargs="*", choices=PARTS, default=list(PARTS), metavar="PART",
+                        help="parts to measure: " + ", ".join(PARTS))  # fmt: skip
     parser.add_argument("--tolerance", type=float, help="only run extremes, with this tolerance")
     parser.add_argument("--random", type=int, default=0, help="random extreme scenes to run alone")
     options = parser.parse_args()
@@ -464,41 +539,15 @@ def main() -> None:
         ends = random_ends(options.random, options.tolerance)
         print(", ".join(f"{n} {end}" for end, n in ends.most_common()))
         sys.exit("WRONG" in ends)
-    options.output.mkdir(parents=True, exist_ok=True)
-    path, long_steps = options.output / "stability.nc", options.output / "lag.nc"
-    controlled = options.output / "control.nc"
     warnings.simplefilter("ignore")  # it goes beyond the limits on purpose
-    if not options.table and not options.lag:
-        tolerance = options.tolerance or TOLERANCE
-        ends = extremes_dataset(under_control(tolerance)).assign_attrs(tolerance=tolerance)
-        ends.to_netcdf(controlled)
     if options.tolerance:
-        print(control_markdown(xr.load_dataset(controlled)))
+        print(control_markdown(under_control(options.tolerance)))
         return
-    if not options.table:
-        lags().to_netcdf(long_steps)
-    late = lag_markdown(xr.load_dataset(long_steps))
-    if options.lag:
-        print(late)
-        return
-    late += control_markdown(xr.load_dataset(controlled))
-    if not options.table:
-        bounds, rows = limits()
-        smallest = map_of_S(embryo())
-        published = smallest["smallest_S"].sel(walls="stepped", drop=True)
-        stretch = stretches(embryo().with_numerics(walls="stepped"), published)
-        parts = [smallest, bounds, extremes_dataset(rows), stretch.rename("stretch").to_dataset()]
-        data = xr.merge(parts, join="exact", compat="equals")
-        data.attrs["machine"] = str(machine())
-        data.to_netcdf(path)
-    with xr.open_dataset(path) as data:
-        text = markdown(data) + late
-        (options.output / "stability.md").write_text(text, encoding="utf-8")
-        print(text)
-        found = dict(zip(*np.unique(data["extreme_outcome"], return_counts=True), strict=True))
-        print("extremes end:", ", ".join(f"{n} {end}" for end, n in found.items()))
-        stability_picture(data, options.output / "stability.png")
-        limits_picture(data, options.output / "limits.png")
+    options.output.mkdir(parents=True, exist_ok=True)
+    for part in options.only:
+        data = PARTS[part][0]().assign_attrs(machine=str(machine()))
+        data.to_netcdf(options.output / f"{part}.nc")
+    write(options.output)
 
 
 if __name__ == "__main__":

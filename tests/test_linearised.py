@@ -14,7 +14,7 @@ from morphosim.engine.engine import Engine
 from morphosim.engine.solvers.linearised import LinearisedSolver
 from morphosim.engine.step_control import FIRST
 from morphosim.geometry.confinement import BoxWalls, Confinement, EllipsoidShell
-from morphosim.physics.term import Forces, Step
+from morphosim.physics.term import Environment, Forces, Step
 from morphosim.physics.volume_constraint import VolumeConstraint
 
 from .helpers import H, advance, centroids, grid_around, make_engine, normals, on_grid, sphere
@@ -52,8 +52,9 @@ def adhering(
     """Balls that touch and adhere, in double precision."""
     chosen = {"box_tolerance": BOX_TOLERANCE, "scheme": "linearised", "S": 1.0} | numerics
     engine = make_engine(
-        [sphere(*ball, tail=BOX_TOLERANCE / 3) for ball in balls], types=TYPES[: len(balls)],
-        shell=shell, physics={"sigma": ADHESION, "g_e": NONE, "terms": [NoDrift()]}, **chosen,
+        [sphere(*ball, tail=BOX_TOLERANCE / 3) for ball in balls],
+        types=[TYPES[k % len(TYPES)] for k in range(len(balls))], shell=shell,
+        physics={"sigma": ADHESION, "g_e": NONE, "terms": [NoDrift()]}, **chosen,
     )  # fmt: skip
     engine.cells["target"][:] = engine.volumes
     return engine
@@ -311,17 +312,45 @@ def test_boxes_move_with_cells_whose_steps_differ() -> None:
         np.testing.assert_array_equal(results[1][name], values, err_msg=name)
 
 
-def test_steps_are_the_same_whether_or_not_the_process_has_seen_a_wall() -> None:
-    """Iterations depend on the strongest repulsion that there may be, not on what has been met."""
+@dataclass(frozen=True, kw_only=True)
+class Plate(Term):
+    """A wall whose term does not say how strong it is."""
+
+    strength: float
+    behind: float
+
+    def surround(self, environment: Environment) -> None:
+        """Add it."""
+        environment.add_wall(self, lambda x, y, z: self.strength * (x < self.behind) + 0 * (y + z))
+
+
+@pytest.mark.parametrize("terms", [[], [Plate(strength=5e3, behind=-6.0)]])
+def test_steps_are_the_same_whether_or_not_the_process_has_seen_a_wall(terms: list[Term]) -> None:
+    """Iterations depend on the repulsion that there is or may be, not on what has been met."""
     walls = EllipsoidShell(center=(90, 0, 0), semi_axes=(93, 99, 99), width=1.0)
     engine = adhering(BALLS[:2], shell=walls, dt=4.0, tolerance=100.0, box_tolerance=1e-3)
-    engine.set_physics(replace(engine.physics, g_e=16.0, terms=[Wind(v=0.2)]))
+    engine.set_physics(replace(engine.physics, g_e=16.0, terms=[Wind(v=0.2), *terms]))
     *_, engine = run(engine, 50 * 16)
     assert centroids(engine)[:, 0].min() > 8
     other = Engine(engine.physics, engine.numerics, walls)
     other.restore(engine.contents(), engine.physics, engine.steps, engine.ticks)
     for both in (engine, other):
         *_, both = run(both, 52 * 16)
+    for name, values in arrays(engine).items():
+        np.testing.assert_array_equal(arrays(other)[name], values, err_msg=name)
+
+
+def test_iterations_know_how_many_cells_overlap() -> None:
+    """A cell of a pile feels all others at one point, and is gone; none diverges."""
+    engine = adhering(BALLS[:1] * 12, dt=2.0, tolerance=10.0, box_tolerance=1e-3)
+    engine.set_physics(replace(engine.physics, g=100.0))
+    *_, engine = run(engine, 64)
+    assert len(engine.diverged()) == 0
+    assert len(engine.vanished()) == 12
+    other = Engine(engine.physics, engine.numerics, engine.confinement)
+    other.restore(engine.contents(), engine.physics, engine.steps, engine.ticks)
+    for both in (engine, other):
+        *_, both = run(both, 96)
     for name, values in arrays(engine).items():
         np.testing.assert_array_equal(arrays(other)[name], values, err_msg=name)
 

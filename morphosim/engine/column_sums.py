@@ -50,8 +50,8 @@ class Background:
 
     Attributes
     ----------
-    peak : float
-        Largest value of all functions together: by what they say, else on any tile so far.
+    most : float or None
+        Largest value of all functions together, by what they say; None if some do not.
     """
 
     def __init__(
@@ -59,8 +59,7 @@ class Background:
     ) -> None:
         self._given, self._spacing, self._everywhere = given, spacing, everywhere
         known = [each.most for each in given if each.most is not None]
-        self._known = len(known) == len(given)
-        self.peak = float(sum(known)) if self._known else 0.0
+        self.most = float(sum(known)) if len(known) == len(given) else None
         self._keys = np.array([_LAST])  # sorted
         self._slots = np.array([-1])
         self._tiles = np.zeros((0, ROWS, TILE_SHAPE[2]), dtype)
@@ -100,8 +99,6 @@ class Background:
             self._checked(each, np.broadcast_to(each.function(*axes), full)) for each in self._given
         ]
         values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
-        if not self._known:
-            self.peak = max(self.peak, float(values.max()))
         acts = self._everywhere | (values.reshape(len(keys), -1).max(axis=1) > _ABSENT)
         slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
         tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)
@@ -139,10 +136,13 @@ class ColumnCover:
     ----------
     columns : Columns
     lists : ColumnLists
+    wall : float
+        Largest R of walls: by what they say, else on the columns.
     """
 
     columns: Columns
     lists: ColumnLists
+    wall: float
 
     def __init__(self, dtype: DTypeLike, threads: int) -> None:
         self._dtype, self._threads = np.dtype(dtype), threads
@@ -224,6 +224,20 @@ class ColumnCover:
                 else None
             ),
         )
+        self._points = int(points.sum())
+        self.wall = self._largest_wall()
+
+    @property
+    def largest(self) -> float:
+        """Largest sum of R at any point, each cell's own share included."""
+        return float(self.columns.repulsion[: self._points].max(initial=0.0))
+
+    def _largest_wall(self) -> float:
+        if self._background is None:
+            return 0.0
+        if self._background.most is not None:
+            return self._background.most
+        return float(self.columns.background[: self._points].max(initial=0.0))
 
     @property
     def nbytes(self) -> int:

@@ -110,11 +110,13 @@ class Coupling:
 
     @property
     def strongest(self) -> float:
-        """About the largest R that a cell may feel: of two others, and of walls."""
-        if not self.acts:
-            return 0.0
-        walls = 0.0 if self._walls.tiles is None else self._walls.tiles.peak
-        return 2 * float(self.interaction.g) + walls
+        """About the largest R that a cell here may feel of two others, and of walls."""
+        return 2 * float(self.interaction.g) + self._cover.wall if self.acts else 0.0
+
+    @property
+    def largest(self) -> float:
+        """Largest R in the present state, each cell's own share included."""
+        return self._cover.largest if self.acts else 0.0
 
     @property
     def uses(self) -> tuple[bool | None, bool | None]:

@@ -21,9 +21,11 @@ Floats = NDArray[np.float64]
 COLUMNS = (
     Column("acceleration", default=np.nan, inherits=False, optional=True),
     Column("swept", optional=True),
+    Column("step_error", inherits=False, optional=True),
 )
 """Of each cell's interface, root mean square: `acceleration` in the last step, µm per unit of time
-squared; `swept`, what has been missed where a fast cell's neighbours sweep along it, µm.
+squared; `swept`, what has been missed where a fast cell's neighbours sweep along it, µm. And
+`step_error` of the last step, in errors that the tolerance allows.
 """
 NANOMETRES = 1e-5
 """1 nm in 100 units of time, in µm per unit."""
@@ -49,6 +51,9 @@ FARTHEST = 0.5
 FIRST, FIRST_TOLERANCE = PARTS // 4, 20.0
 """Ticks of the first step, and of one that some cells begin without history, from this tolerance
 on, nm. It is of first order, and tells no error: with the tolerance it falls as its square does."""
+WHOLE = 0.25
+"""Least Σ |∇φ*|² of a cell, in that of a ball of its target volume, of which no whole cell has less
+than 0.6 unless it is to grow."""
 PATIENCE = 100
 """Steps of one tick that may miss the tolerance, one after the other, before the run ends."""
 
@@ -69,9 +74,29 @@ class Verdict(NamedTuple):
     allowed: Floats
 
     @property
+    def shares(self) -> Floats:
+        """(n,) errors, in those that are allowed."""
+        return self.error / self.allowed
+
+    @property
     def excess(self) -> float:
         """Largest error, in those that are allowed."""
-        return float((self.error / self.allowed).max(initial=0.0))
+        return float(self.shares.max(initial=0.0))
+
+
+def make_whole(changes: Floats, steepness: float, targets: Floats) -> None:
+    """Give cells that vanish a share of the slope that they would have as balls.
+
+    As clouds they have next to none: their φ may be right, and their interfaces go anywhere.
+
+    Parameters
+    ----------
+    changes : (n, N_CHANGES) see `kernels.linearised`; updated
+    steepness : Σ |∇φ*|² per µm² of interface
+    targets : (n,) target volumes, µm³, or nan
+    """
+    ball = np.cbrt(36 * np.pi * targets**2)
+    changes[:, SLOPE] = np.fmax(changes[:, SLOPE], WHOLE * steepness * ball)
 
 
 def moves(changes: Floats, step: float) -> tuple[Floats, Floats]:

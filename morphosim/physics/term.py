@@ -154,7 +154,7 @@ class Environment:
 
         It is evaluated again only if the term, or something else that it `depends` on, changes.
         The iterations of "linearised" depend on the largest R. Without `most` that is the largest
-        where cells have been, which ranks and runs that go on may not know in full.
+        near the cells, which is looked for whenever their boxes move.
         """
         self.walls.append(SpaceTerm(term.name, function, (term, *depends), most))
 

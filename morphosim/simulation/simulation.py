@@ -478,11 +478,13 @@ class Simulation(State):
     def _raise_overdue(self) -> None:
         """Tell that the shortest steps miss the tolerance, and of which cell most."""
         numerics = self.scene.numerics
-        name = self.names[int(np.argmax(np.nan_to_num(self.engine.column("acceleration"))))]
+        errors = self.engine.column("step_error")
+        name, most = self.names[int(np.argmax(errors))], float(errors.max())
         message = (
             f"numerics.tolerance = {numerics.tolerance:g} is not met at t = {self.time:g} even by "
-            f"steps of {numerics.tick:g}, the shortest: cell {name!r} accelerates most. Try a "
-            f"larger tolerance, a smaller numerics.dt (now {numerics.dt:g}), or weaker forces"
+            f"steps of {numerics.tick:g}, the shortest: cell {name!r} misses it most, by a factor "
+            f"of {most:.2g}. Try a larger tolerance, a smaller numerics.dt (now {numerics.dt:g}), "
+            "or weaker forces"
         )
         raise ToleranceError(message, time=self.time, cell=name)
 

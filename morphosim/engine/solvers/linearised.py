@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.box_pool import BoxPool
+from morphosim.engine.coupling import Coupling
 from morphosim.engine.scheduling import Schedule
 from morphosim.engine.solvers.solver import MostOfAll, Solver, StepState
 from morphosim.engine.stencil import make_stencil
-from morphosim.engine.step_control import PATIENCE, StepControl, swept
+from morphosim.engine.step_control import PATIENCE, StepControl, make_whole, swept
 from morphosim.kernels.boxes import BAD, N_SURVEYED
 from morphosim.kernels.layout import Linearisation
 from morphosim.kernels.linearised import N_CHANGES, stretch, take_steps, try_steps
@@ -27,6 +28,8 @@ Floats = NDArray[np.float64]
 MORE_AT_FIRST = 8
 """More iterations of a cell without history: u is all its motion then, and not what an
 extrapolation has left."""
+LOOK = 16
+"""Steps between two looks at how many cells overlap; one more wherever cells have no history."""
 WELL = 5.0
 """Largest W'' that fields come to, in c: that at φ = -0.2 and 1.2."""
 
@@ -52,6 +55,7 @@ class LinearisedSolver:
         self._inner = make_stencil(SOLVED_ORDER, numerics.spacing, dtype)
         self._control = StepControl(numerics) if numerics.tolerance else None
         self.before = self.laid = 1 if self._control is None else self._control.first
+        self._taken, self._looks, self._crowding = 0, True, 0.0
         self._new = np.zeros(0, dtype)
         self._rows = np.zeros((0, 2), np.int32)
         self._surveys = np.zeros((0, N_SURVEYED))
@@ -91,19 +95,21 @@ class LinearisedSolver:
         planned, missed = (
             (1, 0) if self._control is None else (self._control.planned, self._control.missed)
         )
-        return {"stepping": np.array([self.before, self.laid, planned, missed])}
+        steps = [self.before, self.laid, planned, missed, self._taken]
+        return {"stepping": np.array(steps), "crowding": np.array([self._crowding])}
 
     def restore(self, contents: Mapping[str, NDArray]) -> None:
         """See `Solver`."""
-        self.before, self.laid, planned, missed = np.asarray(contents["stepping"]).tolist()
+        steps = np.asarray(contents["stepping"]).tolist()
+        self.before, self.laid, planned, missed, self._taken = steps
+        self._crowding = float(contents["crowding"][0])
         if self._control is not None:
             self._control.planned, self._control.missed = planned, missed
 
     def fit(self, most: int, fresh: bool) -> int:
         """See `Solver`."""
-        if self._control is None:
-            return 1
-        return self._control.fit(most, fresh)
+        self._looks = fresh or self._taken % LOOK == 0
+        return 1 if self._control is None else self._control.fit(most, fresh)
 
     def make_ready(self, ticks: int, pool: BoxPool, schedule: Schedule) -> bool:
         """See `Solver`: lay φ* for a step of so many ticks."""
@@ -118,7 +124,7 @@ class LinearisedSolver:
 
     def advance(self, state: StepState, most_of_all: MostOfAll) -> int | None:
         """See `Solver`."""
-        self._try(state)
+        self._try(state, self._strongest(state.coupling, most_of_all))
         if self._control is None:
             self._take(state, 1)
             return None
@@ -126,6 +132,14 @@ class LinearisedSolver:
         if shorter is None:
             self._take(state, self._control.planned)
         return shorter
+
+    def _strongest(self, coupling: Coupling, most_of_all: MostOfAll) -> float:
+        """About the largest R that any cell of the simulation may feel."""
+        now = coupling.largest if self._looks else 0.0
+        usual, now = most_of_all(np.array([coupling.strongest, now])).tolist()
+        if self._looks:
+            self._crowding = now
+        return float(max(usual, self._crowding))
 
     def _settle(self, state: StepState, control: StepControl, most_of_all: MostOfAll) -> int | None:
         """Length to try instead of the step that was tried; None, and a plan, if it is taken."""
@@ -141,6 +155,7 @@ class LinearisedSolver:
         if shorter is None:
             control.plan(ticks, excess, reach)
             cells["acceleration"][rows] = verdict.acceleration
+            cells["step_error"][rows] = verdict.shares
         return shorter
 
     def _take(self, state: StepState, planned: int) -> None:
@@ -159,6 +174,7 @@ class LinearisedSolver:
         refused = schedule.order[self._surveys[schedule.order, BAD] > 0]
         pool.forget(refused.tolist())  # where φ* and the new field share a pool, φ* is gone
         self.before, self.laid = state.ticks, planned
+        self._taken += 1
 
     def _target(self, pool: BoxPool) -> NDArray[np.floating]:
         """Pool for new fields; φ* gives its place where no step is tried again."""
@@ -173,15 +189,15 @@ class LinearisedSolver:
             self._changes = np.zeros((len(pool), N_CHANGES))
             self._surveys = np.zeros((len(pool), N_SURVEYED))
 
-    def _try(self, state: StepState) -> None:
-        """Solve for the new fields of a step."""
+    def _try(self, state: StepState, strongest: float) -> None:
+        """Solve for the new fields of a step, where R is at most about `strongest`."""
         pool, ticks, real = state.pool, state.ticks, self._dtype.type
         self._reserve(pool)
         rate = self._tau / (ticks * self._numerics.tick)
         growth = ticks / self.before
         later = rate * (1 + 2 * growth) / (1 + growth)
         fresh = state.terms.fresh
-        counts, weights = self._weights(fresh, rate, later, state)
+        counts, weights = self._weights(fresh, rate, later, strongest, state.ticks)
         linear = Linearisation(
             lhs=np.where(fresh, rate, later).astype(self._dtype),
             rate=real(rate),
@@ -194,6 +210,8 @@ class LinearisedSolver:
             state.workspace.measured, state.stencil, self._inner, linear, state.limits,
             self._target(pool), self._rows, self._surveys, self._changes, *state.coupling.uses,
         )  # fmt: skip
+        steepness = np.sqrt(self._c / 2) / 3 / self._numerics.spacing**3  # ∫ φ'² of the profile
+        make_whole(self._changes, steepness, pool.cells["target"])
 
     def _spread(self, ticks: int) -> float:
         """The stabilisation s of a step, -s Δ."""
@@ -205,11 +223,11 @@ class LinearisedSolver:
         return self._spread(ticks) * SHIFT * self._c / self._tau
 
     def _weights(
-        self, fresh: NDArray[np.bool_], rate: float, later: float, state: StepState
+        self, fresh: NDArray[np.bool_], rate: float, later: float, strongest: float, ticks: int
     ) -> tuple[NDArray, NDArray]:
         """Numbers and weights of the iterations of each cell."""
-        damping = WELL * self._stiffest * self._c + state.coupling.strongest
-        stiffness = self._stiffest + self._spread(state.ticks)
+        damping = WELL * self._stiffest * self._c + strongest
+        stiffness = self._stiffest + self._spread(ticks)
         key = fresh.tobytes(), rate, later, stiffness, damping
         if key not in self._iterations:
             numerics = self._numerics
