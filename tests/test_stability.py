@@ -185,8 +185,8 @@ def test_walls_that_do_not_press_need_less() -> None:
     [
         (pressed(S=2.0), ("numerics.S = 2", "at least 4.4", "dt = 2", "walls 6.61")),
         (pressed(walls="stepped", S=6.0), ("at least 12.9", "walls 17.9", "walls = 'resolved'")),
-        (with_6(pair(M=30.0)), ("numerics.S = 6", "(volume constraint 22.5)", "at least 15.6")),
-        (with_6(pair(g=100.0)), ("numerics.S = 6", "at least 74.5")),
+        (with_6(pair(M=30.0)), ("numerics.S = 6", "(volume constraint 22.6)", "at least 15.7")),
+        (with_6(pair(g=100.0)), ("numerics.S = 6", "at least 74.6")),
         (with_6(pair(gamma=4.0)), ("numerics.S = 6", "double well 16")),
         (with_6(shrinking()), ("numerics.S = 6", "volume constraint 13.8")),
         (pair(sigma=4.0), ("physics.sigma = 4", "tension 0.25")),
@@ -418,6 +418,14 @@ def on_the_band(scene: Scene, **numerics: object) -> Scene:
     return replace(scene, duration=1e9).with_numerics(**chosen)
 
 
+@pytest.mark.parametrize(("c", "needed"), [(6.0, 3.5), (8.0, 3.74), (9.0, 3.93), (10.0, 4.13)])
+def test_where_cells_meet_more_is_needed_than_there_and_for_the_whole_alone(
+    c: float, needed: float
+) -> None:
+    """S measured for two cells that adhere, with √(2c) h = 1; alone 3.2, or 3.6 at c = 10."""
+    assert stability.least_S(pair(c=c)) == pytest.approx(needed, rel=0.02)
+
+
 def thick_walls() -> Scene:
     """The pair between walls that are soft in themselves."""
     return replace(pressed(), confinement=replace(TIGHT, width=1.0))
@@ -557,7 +565,7 @@ def test_a_run_goes_on_with_the_S_it_had(tmp_path: Path) -> None:
 def test_what_is_shown_says_whether_S_is_chosen() -> None:
     assert "S chosen by the run" in repr(pair())
     assert "S = 7" in repr(pair().with_numerics(S=7.0))
-    assert "3.64 (chosen)" in repr(Simulation(pair()))
+    assert "3.75 (chosen)" in repr(Simulation(pair()))
     assert "(chosen)" not in repr(Simulation(pair().with_numerics(S=7.0)))
     assert "(chosen)" not in repr(Simulation(pair().with_numerics(tolerance=5.0)))
 
