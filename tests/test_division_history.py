@@ -39,7 +39,7 @@ def halves(field: CellField) -> tuple[CellField, CellField]:
 def full_grid_end() -> NDArray[np.float64]:
     """Centroids on the full grid with small steps, of cells 0, 2 and the daughters of 1."""
     engine = start()
-    low, shape = grid_around(engine, margin=10)
+    low, shape = grid_around(engine, margin=5)
     targets = engine.volumes.copy()
 
     def run(phi: NDArray, targets: NDArray) -> NDArray:
