@@ -2,8 +2,8 @@
 
 Run as `python benchmarks/start.py`; about two minutes. Each start is a process of its own that
 simulates two steps of the eight-cell embryo: by the solvers of steps that are all δt long, and with
-a preset, which has a tolerance and more to compile. `two at once` are two processes that start
-together with an empty cache and share it.
+a preset, which has a tolerance. `two at once` are two processes that start together with an empty
+cache and share it.
 """
 
 import os
