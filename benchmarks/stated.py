@@ -1,13 +1,14 @@
 """Errors that runs state, beside their true ones.
 
-Run as `python benchmarks/stated.py` (about five minutes). Every scene runs by a preset, and again
-with steps of an eighth of its δt (error in time), and on a lattice of half the spacing with small
-steps (error in space, against the same steps on the lattice of the preset). Stated and true error
-are root mean squares over the cells, of their centroids, and of their semi-axes. Noise is held for
-2 units of time, so that it is the same with all steps.
+Run as `python benchmarks/stated.py` (about ten minutes). Every scene runs with each of `NUMERICS`,
+and again with fixed steps of an eighth of δt (error in time), and on a lattice of half the spacing
+with small steps (error in space, against the same steps on the lattice of the numerics). Stated and
+true error are root mean squares over the cells, of their centroids, and of their semi-axes; at each
+of three times, and once more over the three. Noise is held for 2 units of time, so that it is the
+same with all steps.
 
-With `--preset` and `--set`, other numerics than the preset "fast": `--set tolerance=5`, or `--set
-dt=2` for steps that are all of one length.
+With `--preset` and `--set`, other numerics: `--preset fast --set tolerance=5`. With `--random 16`,
+so many scenes drawn at random instead, each with numerics drawn for it.
 """
 
 import argparse
@@ -28,6 +29,7 @@ from morphosim import (
     BoxWalls,
     Cell,
     Ellipsoid,
+    EllipsoidShell,
     Numerics,
     Physics,
     Scene,
@@ -38,8 +40,17 @@ from morphosim import (
 )
 
 FINER_STEPS, FINER_LATTICE = 8, 2
-SMALL_STEPS: dict[str, Any] = {"dt": 1.0, "S": 12.0, "tolerance": None, "scheme": "bdf2"}
-"""Of the two runs whose lattices differ; S is what walls on the finer one need."""
+NUMERICS: dict[str, Numerics] = {
+    "band": Numerics(solver="band"),
+    "fast": Numerics.preset("fast"),
+    "standard": Numerics.preset("standard"),
+}
+"""What scenes run with by default; "band" has fixed steps of 2."""
+SMALL_STEPS: dict[str, dict[str, Any]] = {
+    "bdf2": {"dt": 1.0, "S": 12.0},
+    "linearised": {"dt": 0.5, "S": 1.0, "tolerance": None},
+}
+"""Of the two runs whose lattices differ, by scheme; S is what either lattice needs."""
 SHARES = (0.25, 0.5, 1.0)
 """Of a run's end, at which errors are compared."""
 MOST = 3.0
@@ -205,7 +216,7 @@ def rms(values: np.ndarray) -> float:
 def rows_of(name: str, case: Case, numerics: Numerics) -> list[dict[str, Any]]:
     """Stated and true errors of a case at each of its times."""
     fine = {"dt": numerics.dt / FINER_STEPS}
-    small = replace(numerics, **SMALL_STEPS)
+    small = replace(numerics, **SMALL_STEPS[numerics.scheme])
     runs = [
         seen(case, each) for each in (
             numerics, replace(numerics, **fine, tolerance=None), small,
@@ -267,26 +278,85 @@ def summary(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def over_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """One row per scene: root mean squares over its times."""
+    found = []
+    for name in dict.fromkeys(row["scene"] for row in rows):
+        own = [row for row in rows if row["scene"] == name]
+        keys = [f"{kind}_{what}" for kind in KINDS for what in ("stated", "true")]
+        found.append({"scene": name} | {key: rms(np.array([r[key] for r in own])) for key in keys})
+    return found
+
+
+def report(rows: list[dict[str, Any]]) -> str:
+    """The table of all rows, and what they come to."""
+    whole = f"of each time:\n{summary(rows)}\n\nof each scene, over its times:\n"
+    return f"{markdown(rows)}\n\n{whole}{summary(over_times(rows))}\n"
+
+
+def random_case(seed: int) -> tuple[Case, Numerics]:
+    """Up to six balls that touch, free, boxed or in a shell, and numerics: all drawn at random."""
+    draw = np.random.default_rng([seed, 77])
+    count, radius = int(draw.integers(1, 7)), draw.uniform(2.8, 3.8)
+    cells = cluster(count, seed, radius, radius * draw.uniform(1.75, 2.0))
+    place = draw.choice(["open", "box", "shell"])
+    if draw.random() < 0.3:
+        cells = [replace(cell, gamma=float(draw.uniform(0.15, 0.4))) for cell in cells]
+    centres = np.array([cell.shape.center for cell in cells])
+    pad, walls = radius * draw.uniform(0.8, 1.05), None
+    if place == "box":
+        walls = BoxWalls(lower=tuple(centres.min(0) - pad), upper=tuple(centres.max(0) + pad))
+    elif place == "shell":
+        middle = centres.mean(axis=0)
+        long = np.linalg.norm(centres - middle, axis=1).max() + radius * draw.uniform(0.85, 1.05)
+        axes = (long, long * draw.uniform(0.85, 1), long * draw.uniform(0.85, 1))
+        walls = EllipsoidShell(center=tuple(middle), semi_axes=axes)
+    physics = Physics(sigma=float(draw.uniform(0, 0.9)))
+    scene = Scene(cells=cells, physics=physics, confinement=walls)
+    if count > 1 and draw.random() < 0.6:
+        scene = random_table(scene, seed, float(draw.uniform(0.5, 0.98)))
+    values: dict[str, Any] = {"spacing": float(draw.choice([0.4, 0.5, 0.6, 2 / 3]))}
+    values["order"] = (6, "fitted")[int(draw.integers(2))]
+    if draw.random() < 0.6:
+        values["tolerance"] = float(np.exp(draw.uniform(np.log(2), np.log(50))))
+    else:
+        values["dt"] = float(np.exp(draw.uniform(np.log(0.5), np.log(4))))
+        values["scheme"] = ("bdf2", "linearised")[int(draw.integers(2))]
+    end = float(draw.choice([60, 120, 200]))
+    return Case(lambda: scene, end), Numerics(solver="band", **values)
+
+
 def main() -> None:
     """Compare all cases, and write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/stated"))
-    parser.add_argument("--preset", default="fast")
+    parser.add_argument("--preset", help="instead of all of NUMERICS")
     parser.add_argument("--set", action="append", default=[], help="a value of the numerics")
     parser.add_argument("--only", nargs="+", choices=list(CASES))
+    parser.add_argument("--random", type=int, metavar="N", help="so many scenes drawn at random")
     options = parser.parse_args()
     changes = {key: json.loads(value) for key, value in (s.split("=", 1) for s in options.set)}
-    numerics = Numerics.preset(options.preset, **changes)
+    chosen = NUMERICS
+    if options.preset or changes:
+        name = options.preset or "standard"
+        chosen = {" ".join([name, *options.set]): Numerics.preset(name, **changes)}
+    jobs = {
+        label: [(name, CASES[name], numerics) for name in options.only or CASES]
+        for label, numerics in chosen.items()
+    }
+    if options.random:
+        drawn = [(f"random {seed}", *random_case(seed)) for seed in range(options.random)]
+        jobs = {"random": drawn}
     warnings.simplefilter("ignore")
-    rows: list[dict[str, Any]] = []
-    for name in options.only or CASES:
-        rows += rows_of(name, CASES[name], numerics)
-        print(markdown(rows[-len(SHARES) :]), file=sys.stderr, flush=True)
     options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / "stated.json").write_text(json.dumps(rows, indent=1))
-    (options.output / "stated.md").write_text(markdown(rows))
-    print(markdown(rows))
-    print(summary(rows))
+    for label, cases in jobs.items():
+        rows: list[dict[str, Any]] = []
+        for case in cases:
+            rows += rows_of(*case)
+            print(markdown(rows[-len(SHARES) :]), file=sys.stderr, flush=True)
+        (options.output / f"{label}.json").write_text(json.dumps(rows, indent=1))
+        (options.output / f"{label}.md").write_text(report(rows))
+        print(f"{label}\n\n{report(rows)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """Chebyshev iterations towards the solution of (lhs - γΔ) φ = rhs: their number and weights."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ MORE_WITHOUT_HISTORY = 2
 """Iterations in addition, where there is no history to start from."""
 
 
+@lru_cache(maxsize=64)
 def largest_eigenvalue(order: int | str, spacing: float, interface_scale: float = 1.0) -> float:
     """Largest eigenvalue of -Δ by the stencil of this order, in three dimensions."""
     _, weights = stencil_weights(order, spacing * interface_scale)
