@@ -383,11 +383,11 @@ def test_a_dry_run_tells_what_would_run_and_writes_nothing(folder: Path, call: C
     assert not Path("run").exists()
     assert told["cells"] == "1"
     assert "gamma 0.3" in told["physics"]
-    assert told["numerics"] == "defaults, with dt 1; S = 2.33 (chosen)"
+    assert told["numerics"] == "defaults, with dt 1; S = 2.44 (chosen)"
     assert told["steps"] == "8 of dt = 1, from t = 0 to 8"
     assert told["stage 2"] == "two: Division; until Duration (time 4)"
     assert told["saves"] == "about 5, every 4"
-    assert told["stability"].startswith("S = 2.33 is chosen, ")
+    assert told["stability"].startswith("S = 2.44 is chosen, ")
     assert "MB" in told["memory"]
     assert "kB" in told["disk"]
 

@@ -41,6 +41,6 @@ def relaxed(scene: Scene, time: float = RELAXATION, tell: Tell = silent) -> Scen
     """
     _validate.number("time", time, above=0)
     free = [replace(cell, frozen=False) for cell in scene.cells]
-    simulation = Simulation(replace(scene, cells=free, on_vanish="stop"))
-    simulation.step_to(scene.numerics.ticks_to(time), tell)  # without the scene's stages
+    simulation = Simulation(replace(scene, cells=free, stages=(), on_vanish="stop"))
+    simulation.step_to(scene.numerics.ticks_to(time), tell)
     return scene.with_fields(simulation.fields, scene.numerics.spacing)
