@@ -42,8 +42,8 @@ WARM_UP = 3
 CLAIMS = {"draft": "draft", "standard": "fast", "reference": "reference"}
 """At the error of which former preset the new front is compared with the time of which."""
 TOLERANCES = {
-    1 / 3: (0.5, 1.0, 2.0), 0.4: (2.0, 5.0), 0.5: (5.0, 10.0, 20.0), 0.6: (10.0, 20.0, 50.0),
-    2 / 3: (20.0, 50.0),
+    1 / 3: (0.5, 1.0, 2.0), 0.4: (2.0, 5.0), 0.5: (5.0, 10.0, 20.0), 0.55: (5.0, 10.0, 20.0),
+    0.6: (10.0, 15.0, 20.0, 50.0), 2 / 3: (20.0, 50.0),
 }  # fmt: skip
 """Tolerances of the new front, by spacing: those whose error is about that of the lattice."""
 TRUTH: dict[float, dict[str, Any]] = {

@@ -13,7 +13,7 @@ from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine
 from morphosim.engine.solvers.linearised import LinearisedSolver
 from morphosim.engine.step_control import FIRST
-from morphosim.geometry.confinement import BoxWalls, Confinement, EllipsoidShell
+from morphosim.geometry.confinement import Confinement, EllipsoidShell
 from morphosim.physics.term import Environment, Forces, Step
 from morphosim.physics.volume_constraint import VolumeConstraint
 

@@ -528,7 +528,7 @@ def test_presets_are_numerics_with_changes() -> None:
 def test_the_tolerance_of_a_preset_gives_way_to_steps_of_the_users(
     changes: dict[str, Any], tmp_path: Path
 ) -> None:
-    fixed = Numerics(solver="band", order="fitted", spacing=0.6, box_tolerance=3e-3, **changes)
+    fixed = Numerics(solver="band", order="fitted", spacing=0.55, box_tolerance=3e-3, **changes)
     assert Numerics.preset("fast", **changes) == fixed
     assert Numerics.preset("fast", tolerance=5.0, dt=1.0).tolerance == 5.0
     save_scene(Scene(cells=[ball()]), tmp_path / "scene.toml")

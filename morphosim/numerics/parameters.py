@@ -31,7 +31,7 @@ BAND: dict[str, Any] = {"solver": "band", "order": FITTED}
 """What presets with a tolerance share; the solver is that of fixed steps."""
 PRESETS: dict[str, dict[str, Any]] = {
     "draft": BAND | {"tolerance": 50.0, "spacing": 2 / 3, "box_tolerance": 3e-3},
-    "fast": BAND | {"tolerance": 20.0, "spacing": 0.6, "box_tolerance": 3e-3},
+    "fast": BAND | {"tolerance": 20.0, "spacing": 0.55, "box_tolerance": 3e-3},
     "standard": BAND | {"tolerance": 10.0},
     "reference": BAND | {"tolerance": 0.5, "spacing": 1 / 3},
     "published": {"S": 12.0, "walls": "stepped"},
@@ -185,7 +185,7 @@ class Numerics:
         to "standard", measured by `benchmarks/accuracy.py --front`:
 
         - "draft": tolerance 50, h = 2/3 µm, box tolerance 3e-3; 51 nm, 0.27 times
-        - "fast": tolerance 20, h = 0.6 µm, box tolerance 3e-3; 29 nm, 0.44 times
+        - "fast": tolerance 20, h = 0.55 µm, box tolerance 3e-3; 27 nm, 0.6 times
         - "standard": tolerance 10, h = 0.5 µm; 15 nm
         - "reference": tolerance 0.5, h = 1/3 µm; 2.1 nm, 8 times
         - "published": fixed steps of Eq. 9, δt = 2, S = 12, stepped walls, order 6, as the
