@@ -19,8 +19,8 @@ COLORS = (
 )  # fmt: skip
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
 MARKERS = "os^Dvp<>PX*hd"
-LABELS = {"draft": (-30, -24), "reference": (-60, -24)}
-"""Where the name of a preset stands beside its circle, points."""
+LABELS = {"reference": (-60, -24)}
+"""Where the name of a preset stands beside its circle, points, if not above it."""
 
 
 def pareto_picture(data: xr.Dataset, front: np.ndarray, path: Path) -> None:
@@ -58,7 +58,7 @@ def pareto_picture(data: xr.Dataset, front: np.ndarray, path: Path) -> None:
         ylabel="centroid error of the eight-cell embryo\nat t = 480, root mean square, nm",
     )  # fmt: skip
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(mpl.ticker.LogFormatter(labelOnlyBase=False))
+        axis.set_major_formatter("{x:g}")
     axes.grid(which="both", alpha=0.2)
     axes.legend(fontsize=9, ncols=2, loc="upper right")
     figure.savefig(path, dpi=110)
@@ -72,17 +72,21 @@ def front_picture(found: Mapping[float, Sequence[Mapping[str, Any]]], path: Path
     )
     for axes, (until, rows) in zip(all_axes[0], found.items(), strict=True):
         for k, (family, members) in enumerate(_families(rows).items()):
+            preset = family == "preset"
             axes.plot(
-                [r["seconds"] for r in members], [r["rms"] for r in members], MARKERS[k],
-                ms=8, label=family, color=COLORS[k], mec="white", mew=0.5,
-                ls="" if family == "preset" else "-", lw=2.5 if family == "former" else 1.2,
+                [r["seconds"] for r in members], [r["rms"] for r in members],
+                "*" if preset else MARKERS[k], ms=14 if preset else 8, label=family,
+                color=COLORS[k], mec="white", mew=0.5, ls="" if preset else "-",
+                lw=2.5 if family == "former" else 1.2,
             )  # fmt: skip
             for r in members:
                 axes.annotate(
                     r["variant"].removeprefix(f"{family} ").partition(",")[0],
-                    (r["seconds"], r["rms"]), xytext=(6, 5), textcoords="offset points",
-                    fontsize=8, color=COLORS[k],
+                    (r["seconds"], r["rms"]), xytext=(-6, -9) if preset else (6, 5),
+                    ha="right" if preset else "left", textcoords="offset points", fontsize=8,
+                    color=COLORS[k], weight="bold" if preset else "normal",
                 )  # fmt: skip
+        axes.margins(0.1)
         axes.set(
             xscale="log", yscale="log", xlabel=f"time of computing to t = {until:g}, s",
             ylabel="error of centroids, root mean square, nm", title=f"t = {until:g}",

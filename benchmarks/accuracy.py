@@ -102,7 +102,7 @@ def knobs() -> dict[str, dict[str, dict[str, Any]]]:
 
 def variants() -> dict[str, tuple[str, Numerics]]:
     """Name → (knob, numerics) of all that is measured."""
-    found = {BASE: ("none", Numerics(**GIVEN))}
+    found = {BASE: (BASE, Numerics(**GIVEN))}
     found |= {name: ("preset", Numerics.preset(name)) for name in PRESETS}
     for knob, members in knobs().items():
         for name, changes in members.items():

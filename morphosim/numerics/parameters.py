@@ -181,19 +181,19 @@ class Numerics:
     def preset(cls, name: str, **changes: Any) -> Self:
         """Numerics of a known accuracy and speed.
 
-        Error of the eight-cell embryo's centroids (root mean square) at t = 480, and time relative
-        to "standard", measured by `benchmarks/accuracy.py --front`:
+        Error of the eight-cell embryo's centroids (root mean square) at t = 480, and time of its
+        whole course relative to "standard", measured by `benchmarks/accuracy.py --front`:
 
-        - "draft": tolerance 50, h = 2/3 µm, box tolerance 3e-3; 51 nm, 0.27 times
-        - "fast": tolerance 20, h = 0.55 µm, box tolerance 3e-3; 27 nm, 0.6 times
+        - "draft": tolerance 50, h = 2/3 µm, box tolerance 3e-3; 52 nm, 0.2 times
+        - "fast": tolerance 20, h = 0.55 µm, box tolerance 3e-3; 27 nm, 0.5 times
         - "standard": tolerance 10, h = 0.5 µm; 15 nm
-        - "reference": tolerance 0.5, h = 1/3 µm; 2.1 nm, 8 times
+        - "reference": tolerance 0.5, h = 1/3 µm; 2.3 nm, 7 times
         - "published": fixed steps of Eq. 9, δt = 2, S = 12, stepped walls, order 6, as the
-          published program; 102 nm, 4 times
+          published program; 101 nm, 6 times
 
         All but the last have gradients fitted to the interface. Their tolerance gives way to a
         `dt` or a `scheme` that is given: steps are fixed then, and the solver is "band". The
-        defaults, `Numerics()`, are no preset: Eq. 9 with fixed steps, solved exactly; 24 nm, 4
+        defaults, `Numerics()`, are no preset: Eq. 9 with fixed steps, solved exactly; 21 nm, 6
         times.
 
         Parameters
