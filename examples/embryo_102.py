@@ -1,7 +1,7 @@
 """Fig. 5: the lineage of C. elegans to 102 cells, and sections of the embryo on the way.
 
 Run as `python examples/embryo_102.py RUN PICTURE` on a run of `celegans-1-to-102`
-(`morphosim run celegans-1-to-102 -o RUN`, some three minutes); needs matplotlib.
+(`morphosim run celegans-1-to-102 -o RUN`, half a minute); needs matplotlib.
 """
 
 import sys
