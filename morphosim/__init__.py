@@ -76,10 +76,13 @@ _EXPORTS = {
     "QuasiSteady": "scene.ends",
     "Steady": "scene.ends",
     "When": "scene.ends",
+    "Apoptosis": "scene.events",
     "CellChange": "scene.events",
     "Differentiation": "scene.events",
     "Division": "scene.events",
+    "Growth": "scene.events",
     "PhysicsChange": "scene.events",
+    "Proliferation": "scene.events",
     "Removal": "scene.events",
     "load_scene": "scene.file",
     "save_scene": "scene.file",
@@ -139,7 +142,16 @@ if TYPE_CHECKING:
     from morphosim.runs.writer import RunWriter
     from morphosim.scene.cell import Cell, VolumeCourse
     from morphosim.scene.ends import Duration, QuasiSteady, Steady, When
-    from morphosim.scene.events import CellChange, Differentiation, Division, PhysicsChange, Removal
+    from morphosim.scene.events import (
+        Apoptosis,
+        CellChange,
+        Differentiation,
+        Division,
+        Growth,
+        PhysicsChange,
+        Proliferation,
+        Removal,
+    )
     from morphosim.scene.file import load_scene, save_scene
     from morphosim.scene.random_packing import packed_cells
     from morphosim.scene.scene import Scene
@@ -154,6 +166,7 @@ if TYPE_CHECKING:
 
 __version__ = version("morphosim")
 __all__ = [
+    "Apoptosis",
     "Attraction",
     "Axis",
     "BoxWalls",
@@ -175,6 +188,7 @@ __all__ = [
     "Field",
     "Forces",
     "FunctionWalls",
+    "Growth",
     "LabelImage",
     "Lineage",
     "Mask",
@@ -185,6 +199,7 @@ __all__ = [
     "Physics",
     "PhysicsChange",
     "ProgressBar",
+    "Proliferation",
     "QuasiSteady",
     "Range",
     "Removal",

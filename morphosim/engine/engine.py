@@ -57,9 +57,9 @@ MEMORIES = {"bdf2": "history", "linearised": "extrapolation"}
 Fields = Iterable[tuple[NDArray[np.int64], NDArray[np.floating]]]
 
 
-def check_columns(physics: Physics) -> None:
+def check_columns(physics: Physics, further: Iterable[Column] = ()) -> None:
     """Raise ValueError if columns of its terms have names of others, or of the engine's."""
-    CellTable((*COLUMNS, *physics.columns))
+    CellTable((*COLUMNS, *further, *physics.columns))
 
 
 class Engine(CellView):
@@ -69,6 +69,8 @@ class Engine(CellView):
     ----------
     physics, numerics, confinement
         See `Scene`.
+    columns : of the cell table, beside `COLUMNS` and those of force terms
+        The state of rules; nothing here looks at it.
 
     Attributes
     ----------
@@ -105,14 +107,16 @@ class Engine(CellView):
     _later: Scheme
 
     def __init__(
-        self, physics: Physics, numerics: Numerics, confinement: Confinement | None
-    ) -> None:
+        self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
+        columns: Iterable[Column] = (),
+    ) -> None:  # fmt: skip
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
+        self.further = tuple(columns)
         self.explicit_rate = 0.0
         self.dtype = np.dtype(DTYPES[numerics.precision])
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
-        self.cells = CellTable((*COLUMNS, *physics.columns))
+        self.cells = CellTable(self.columns_with(physics))
         self.steps = self.ticks = 0
         self.targets: Callable[[float], None] = _as_they_are
         self.whole = True
@@ -127,6 +131,10 @@ class Engine(CellView):
         self._accuracy = Accuracy(numerics, self.dtype, self.workers)
         self._controller = ThreadpoolController()
         self._changed = self._displaced = True
+
+    def columns_with(self, physics: Physics) -> tuple[Column, ...]:
+        """Columns of the cell table under these physics, but those that say who a cell is."""
+        return (*COLUMNS, *self.further, *physics.columns)
 
     def start(self, values: Mapping[str, Any], types: Sequence[str], fields: Fields) -> None:
         """Begin with these cells.
@@ -273,7 +281,7 @@ class Engine(CellView):
         From there on all steps are the same to the last bit, on the same kind of machine.
         """
         self.physics, self.steps, self.ticks = physics, steps, ticks
-        self.cells.require((*COLUMNS, *physics.columns))
+        self.cells.require(self.columns_with(physics))
         self.cells.restore(contents)
         self.pool.restore(contents)
         self.solver.restore(contents)
@@ -295,20 +303,23 @@ class Engine(CellView):
         self.change()
 
     def divide(
-        self, row: int, values: Mapping[str, Any], types: Sequence[str], halves: Sequence[CellField]
-    ) -> None:
-        """Replace a cell by two, which come last and make a first-order start.
+        self, rows: ArrayLike, values: Mapping[str, Any], types: Sequence[str],
+        halves: Sequence[CellField],
+    ) -> None:  # fmt: skip
+        """Replace cells by two each, which come last and make a first-order start.
 
         Parameters
         ----------
-        row : int
-        values : by column, of both daughters, instead of what they inherit; "name" among them
-        types : of both daughters
-        halves : their fields
+        rows : (n,)
+        values : by column, (2 n, …) of the daughters, those of one mother after the other, instead
+            of what they inherit; "name" among them
+        types : (2 n,) of the daughters
+        halves : (2 n,) their fields
         """
-        born = self.cells.born(row, values, types)
-        self.pool.release([row])
-        self._lay_halves(self.cells.replace(row, born), halves)
+        mothers = np.atleast_1d(np.asarray(rows, np.int64))
+        born = self.cells.born(mothers, values, types)
+        self.pool.release(mothers.tolist())
+        self._lay_halves(self.cells.replace(mothers, born), halves)
 
     def _lay_halves(self, rows: NDArray[np.int64], halves: Sequence[CellField]) -> None:
         """Lay the fields of new daughters."""
@@ -318,7 +329,7 @@ class Engine(CellView):
 
     def set_physics(self, physics: Physics) -> None:
         """Set other physics; all cells make a first-order start."""
-        new = set(self.cells.require((*COLUMNS, *physics.columns)))
+        new = set(self.cells.require(self.columns_with(physics)))
         self.physics = physics
         for term in physics.active_terms:
             if any(column.name in new for column in term.columns):

@@ -190,6 +190,14 @@ def centroids(
     return _centroids(origin, _moments(shared_out(shape), fields), spacing)
 
 
+def centroids_and_axes(fields: Sequence[CellField], spacing: float) -> tuple[Real, Real]:
+    """Centroids (N, 3) in µm, and principal axes (N, 3, 3) as rows, alone; see `Measurement`."""
+    pool, origin, shape, start = pack(fields)
+    places = Fields(pool, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
+    found = _moments(shared_out(shape), places)
+    return _centroids(origin, found, spacing), _ellipsoids(found, spacing)[1]
+
+
 def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
     """Measure fields, for instance those that a run has kept; see `measure`."""
     return measure(*pack(fields), spacing)

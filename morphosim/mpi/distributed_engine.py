@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable, Column
-from morphosim.engine.engine import COLUMNS, Fields
+from morphosim.engine.engine import Fields
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE
 from morphosim.mpi import state_transfer
@@ -45,6 +45,7 @@ class DistributedEngine(GatheredView):
     comm : communicator of all ranks
     physics, numerics, confinement
         See `Scene`.
+    columns : see `Engine`
 
     Attributes
     ----------
@@ -61,11 +62,15 @@ class DistributedEngine(GatheredView):
     """
 
     def __init__(
-        self, comm: "Comm", physics: Physics, numerics: Numerics, confinement: Confinement | None
-    ) -> None:
-        everyone = CellTable(_shared(physics))
+        self, comm: "Comm", physics: Physics, numerics: Numerics,
+        confinement: Confinement | None, columns: Sequence[Column] = (),
+    ) -> None:  # fmt: skip
+        everyone = CellTable()
         own = replace(numerics, threads=numerics.threads or threads_per_rank(comm))
-        local = LocalEngine(physics, own, confinement, everyone, comm, self._share_fields)
+        local = LocalEngine(
+            physics, own, confinement, columns, everyone, comm, self._share_fields
+        )
+        everyone.require(_shared(local, physics))
         super().__init__(comm, local, everyone)
         self.numerics, self.confinement = numerics, confinement
         self.whole, self.traffic, self.rebalance = True, Traffic(), REBALANCE
@@ -220,29 +225,28 @@ class DistributedEngine(GatheredView):
 
     def remove(self, rows: ArrayLike) -> None:
         """See `Engine`."""
-        gone = np.sort(np.atleast_1d(np.asarray(rows, np.int64)))[::-1]
+        gone = np.atleast_1d(np.asarray(rows, np.int64))
         self.change()
         self.everyone.remove(gone)
-        for number in gone.tolist():
-            self.local.drop(number)
+        self.local.drop(gone)
         self._boxes.owner = np.delete(self._boxes.owner, gone)
 
     def divide(
-        self, row: int, values: Mapping[str, Any], types: Sequence[str], halves: Sequence[CellField]
-    ) -> None:
-        """See `Engine`; the daughters belong to the mother's rank."""
+        self, rows: ArrayLike, values: Mapping[str, Any], types: Sequence[str],
+        halves: Sequence[CellField],
+    ) -> None:  # fmt: skip
+        """See `Engine`; daughters belong to their mother's rank."""
         self.change()
-        owner = self._boxes.owner[row]
-        born = self.everyone.select(self.everyone.divide(row, values, types))
-        self._boxes.owner = np.append(np.delete(self._boxes.owner, row), [owner, owner])
-        if owner == self.comm.rank:
-            self.local.split(row, born, halves)
-        else:
-            self.local.drop(row)
+        mothers = np.atleast_1d(np.asarray(rows, np.int64))
+        owner = self._boxes.owner[mothers]
+        born = self.everyone.select(self.everyone.divide(mothers, values, types))
+        kept = np.delete(self._boxes.owner, mothers)
+        self._boxes.owner = np.concatenate([kept, np.repeat(owner, 2)])
+        self.local.split(mothers, owner == self.comm.rank, born, halves)
 
     def set_physics(self, physics: Physics) -> None:
         """See `Engine`."""
-        self.everyone.require(_shared(physics))
+        self.everyone.require(_shared(self.local, physics))
         agreed(self.comm, lambda: self.local.set_physics(physics))
         self.restart()
 
@@ -263,7 +267,7 @@ class DistributedEngine(GatheredView):
     ) -> None:
         """See `Engine`; every rank takes its share of the state."""
         self.change()
-        self.everyone.require(_shared(physics))
+        self.everyone.require(_shared(self.local, physics))
         self.everyone.restore(contents)
         self.local.adopt(physics, steps, ticks)
         self.local.solver.restore(contents)
@@ -371,6 +375,6 @@ class DistributedEngine(GatheredView):
         return np.sort(np.concatenate(lists))
 
 
-def _shared(physics: Physics) -> list[Column]:
+def _shared(local: LocalEngine, physics: Physics) -> list[Column]:
     """Columns that every rank knows of all cells."""
-    return [column for column in (*COLUMNS, *physics.columns) if column.shared]
+    return [column for column in local.columns_with(physics) if column.shared]

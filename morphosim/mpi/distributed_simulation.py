@@ -51,9 +51,10 @@ class DistributedSimulation(Simulation):
         """Engine of which this rank has a share; it has all that a simulation asks for."""
         scene = self.scene
         agreed(world(), lambda: None)  # a rank that cannot get here tells the others by this
-        return cast(
-            Engine, DistributedEngine(world(), scene.physics, scene.numerics, scene.confinement)
+        engine = DistributedEngine(
+            world(), scene.physics, scene.numerics, scene.confinement, scene.columns
         )
+        return cast(Engine, engine)
 
     def _start(self) -> None:
         """Begin with the cells of the scene, of which each rank makes some."""

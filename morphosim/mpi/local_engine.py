@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
-from morphosim.cell_table import CellTable
-from morphosim.engine.engine import COLUMNS, Engine, Fields
+from morphosim.cell_table import CellTable, Column
+from morphosim.engine.engine import Engine, Fields
 from morphosim.engine.solvers.solver import StepState
 from morphosim.geometry.confinement import Confinement
 from morphosim.mpi import state_transfer
@@ -32,9 +32,9 @@ class LocalEngine(Engine):
     ----------
     physics, numerics, confinement
         See `Scene`.
+    columns : see `Engine`
     everyone : CellTable
         All cells of the simulation; its columns are those that every rank knows.
-
     comm : communicator of all ranks
     share_fields : function
         Sends the fields in which forces are taken to the ranks where they are felt.
@@ -47,10 +47,10 @@ class LocalEngine(Engine):
 
     def __init__(
         self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        everyone: CellTable, comm: "Comm",
+        columns: Sequence[Column], everyone: CellTable, comm: "Comm",
         share_fields: Callable[[], None],
     ) -> None:  # fmt: skip
-        super().__init__(physics, numerics, confinement)
+        super().__init__(physics, numerics, confinement, columns)
         self._comm, self._share = comm, share_fields
         self._everyone = everyone
         self.rows, self.own = np.zeros(0, np.int64), np.zeros(0, bool)
@@ -104,7 +104,7 @@ class LocalEngine(Engine):
     def adopt(self, physics: Physics, steps: int, ticks: int) -> None:
         """Go on from a saved state of these physics; `hold` and `take` bring its cells."""
         self.physics, self.steps, self.ticks = physics, steps, ticks
-        self.cells.require((*COLUMNS, *physics.columns))
+        self.cells.require(self.columns_with(physics))
         self.own[:] = False  # nothing that is held stays
         self.change()
 
@@ -138,37 +138,50 @@ class LocalEngine(Engine):
         self.cells["frozen"][:] |= ~self.own
         self.cells.index()
 
-    def drop(self, number: int) -> None:
-        """Forget a cell, by its number in the whole simulation; those behind it move up."""
-        places = np.flatnonzero(self.rows == number)
+    def drop(self, numbers: Integers) -> None:
+        """Forget cells, by their numbers in the whole simulation; those behind them move up."""
+        places = np.flatnonzero(np.isin(self.rows, numbers))
         self.pool.release(places.tolist())
         self.cells.remove(places)
-        self.rows, self.own = np.delete(self.rows, places), np.delete(self.own, places)
-        self.rows[self.rows > number] -= 1
+        self._close_up(places, numbers)
 
-    def split(self, number: int, born: Mapping[str, Any], halves: Sequence[CellField]) -> None:
-        """Replace an own cell by two, which come last in the whole simulation too.
+    def split(
+        self, numbers: Integers, own: NDArray[np.bool_], born: Mapping[str, Any],
+        halves: Sequence[CellField],
+    ) -> None:  # fmt: skip
+        """Replace own cells by two each, and forget others that divide elsewhere.
+
+        Daughters come last, here and in the whole simulation.
 
         Parameters
         ----------
-        number : int
-            Of the mother, in the whole simulation before.
-        born : the daughters' rows of the columns that all ranks know
-        halves : their fields
+        numbers : (n,) of the mothers, in the whole simulation before
+        own : (n,) bool, which of them are this rank's
+        born : the daughters' rows of the columns that all ranks know, (2 n, …)
+        halves : (2 n,) their fields
         """
-        place = int(np.searchsorted(self.rows, number))
-        inherited = self.cells.born(place, {"name": born["name"]})
-        self.pool.release([place])
-        rows = self.cells.replace(place, inherited)
+        if not own.any():
+            self.drop(numbers)
+            return
+        here, gone = np.repeat(own, 2), np.flatnonzero(np.isin(self.rows, numbers))
+        mothers = np.searchsorted(self.rows, numbers[own])
+        inherited = self.cells.born(mothers, {"name": born["name"][here]})
+        self.pool.release(gone.tolist())
+        rows = self.cells.replace(gone, inherited)
         for name, values in born.items():
-            self.cells[name][rows] = values
+            self.cells[name][rows] = values[here]
         self.cells.index()
-        self.rows, self.own = np.delete(self.rows, place), np.delete(self.own, place)
-        self.rows[self.rows > number] -= 1
-        last = len(self.everyone)
-        self.rows = np.append(self.rows, [last - 2, last - 1])
-        self.own = np.append(self.own, [True, True])
-        self._lay_halves(rows, halves)
+        self._close_up(gone, numbers)
+        first = len(self.everyone) - len(here)
+        self.rows = np.concatenate([self.rows, first + np.flatnonzero(here)])
+        self.own = np.concatenate([self.own, np.ones(here.sum(), bool)])
+        self._lay_halves(rows, [half for half, mine in zip(halves, here, strict=True) if mine])
+
+    def _close_up(self, places: Integers, numbers: Integers) -> None:
+        """Take the cells of these places and numbers out of the lists of who is held."""
+        kept = np.delete(self.rows, places)
+        self.rows = kept - np.searchsorted(np.sort(numbers), kept)
+        self.own = np.delete(self.own, places)
 
     def part(self, rows: Integers) -> dict[str, NDArray]:
         """What `Engine.contents` has of some own cells and other ranks do not know."""

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
+from morphosim.measure.measurement import Measurement
 from morphosim.physics.parameters import Physics
 
 PhysicsValues = Annotated[Mapping[str, Any], Physics]
@@ -59,6 +60,21 @@ class Changeable(Protocol):
     ) -> None:
         """Divide a cell; see `Simulation.divide`."""
 
+    def divide_cells(
+        self,
+        cells: Sequence[str],
+        daughters: Sequence[tuple[str, str]] | None = None,
+        *,
+        axes: ArrayLike,
+        fractions: ArrayLike = 0.5,
+        types: Sequence[tuple[str, str]] | None = None,
+        volumes: Any = None,
+    ) -> None:
+        """Divide several cells at once; see `Simulation.divide_cells`."""
+
+    def die(self, cells: Iterable[str], over: float) -> None:
+        """Let cells shrink and be gone; see `Simulation.die`."""
+
     def remove(self, cells: Iterable[str]) -> None:
         """Take cells out."""
 
@@ -78,9 +94,23 @@ class Foreseen(Changeable, Protocol):
     def check_type(self, name: str, kind: str) -> None:
         """Raise ValueError if no cell can ever have this type."""
 
+    def surprise(self, event: Any) -> None:
+        """Take into account that an event may bring about cells that are not known."""
+
 
 class Target(Changeable, Protocol):
-    """A simulation, as seen by what changes it between two steps."""
+    """A simulation, as seen by what changes it between two steps.
+
+    Attributes
+    ----------
+    since_rules : float
+        *In silico* time since the rules of the stage were last applied; 0 at its start.
+    rule : int
+        Number of the rule that is being applied, among those of its stage.
+    """
+
+    since_rules: float
+    rule: int
 
     @property
     def time(self) -> float:
@@ -105,3 +135,35 @@ class Target(Changeable, Protocol):
     @property
     def volumes(self) -> NDArray[np.float64]:
         """(N,) volumes ∫ φ, µm³."""
+
+    @property
+    def targets(self) -> NDArray[np.float64]:
+        """(N,) target volumes V(t), µm³."""
+
+    @property
+    def pressures(self) -> NDArray[np.float64]:
+        """(N,) pressures p = 1 - v/V."""
+
+    def column(self, name: str) -> NDArray[Any]:
+        """(N, …) values of a column of the cell table."""
+
+    def types_at(self, rows: Sequence[int]) -> list[str]:
+        """Types of the cells of some rows."""
+
+    def ready(self, types: Sequence[str] = ()) -> NDArray[np.bool_]:
+        """(N,) which cells rules may act on: of these types, neither frozen nor dying."""
+
+    def chance(self, purpose: str, again: bool = False) -> NDArray[np.float64]:
+        """(N, 3) standard normal numbers of each cell; see `Simulation.chance`."""
+
+    def field(self, cell: str) -> CellField:
+        """Field of one cell."""
+
+    def measured(self) -> Measurement:
+        """Shapes and contacts of all cells."""
+
+    def grow(
+        self, cells: NDArray[np.bool_], rates: ArrayLike, *, law: str = "exponential",
+        limit: float = np.inf,
+    ) -> None:  # fmt: skip
+        """Let target volumes grow; see `Simulation.grow`."""

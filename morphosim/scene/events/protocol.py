@@ -8,6 +8,8 @@ from morphosim.scene.target import Target
 class Event(Protocol):
     """Something that happens between two steps.
 
+    Where it has `columns`, these are state that it keeps per cell (`Column`, known to every rank:
+    `shared`), which all simulations of the scene have; `Simulation.column` gives their values.
     Where it has `makes`, these are cell types that it may bring about; attraction and motility by
     type may name them. Where it has `daughters`, these are names of cells that it may bring about;
     attraction by pair may name them.
