@@ -67,9 +67,7 @@ class DistributedEngine(GatheredView):
     ) -> None:  # fmt: skip
         everyone = CellTable()
         own = replace(numerics, threads=numerics.threads or threads_per_rank(comm))
-        local = LocalEngine(
-            physics, own, confinement, columns, everyone, comm, self._share_fields
-        )
+        local = LocalEngine(physics, own, confinement, columns, everyone, comm, self._share_fields)
         everyone.require(_shared(local, physics))
         super().__init__(comm, local, everyone)
         self.numerics, self.confinement = numerics, confinement

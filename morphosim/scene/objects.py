@@ -110,7 +110,9 @@ def _value_of(value: Any, hint: Any, folder: Path, where: str, manner: Manner | 
         return manner.of(value, folder, where)
     if _may_be(hint, np.ndarray):
         return array_of(value, folder, where)
-    if _may_be(hint, Callable) and isinstance(value, str):
+    # a text that the field may hold itself names a function only as "module:name"
+    named = isinstance(value, str) and (":" in value or not _may_be(hint, str))
+    if named and _may_be(hint, Callable):
         return _import_path.loaded(value, where, folder)
     return value
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
@@ -98,6 +99,34 @@ class Rehearsal:
             check_values(name, {"type": "" if types is None else types[k]})
             self._bring(name, given if volumes is None else volumes[k])
         self._end(cell, f"it divides into {daughters[0]!r} and {daughters[1]!r}")
+
+    def divide_cells(
+        self,
+        cells: Sequence[str],
+        daughters: Sequence[tuple[str, str]] | None = None,
+        *,
+        axes: ArrayLike,
+        fractions: ArrayLike = 0.5,
+        types: Sequence[tuple[str, str]] | None = None,
+        volumes: Any = None,
+    ) -> None:
+        """Divide several cells; see `Simulation.divide_cells`."""
+        shares = np.broadcast_to(np.asarray(fractions, float), (len(cells),)).tolist()
+        if daughters is None:
+            self.surprised = True
+            return
+        for k, (cell, pair, axis) in enumerate(zip(cells, daughters, axes, strict=True)):  # type: ignore[arg-type]
+            self.divide(
+                cell, pair, axis=axis, fraction=shares[k],
+                types=None if types is None else types[k],
+                volumes=None if volumes is None else volumes[k],
+            )  # fmt: skip
+
+    def die(self, cells: Iterable[str], over: float) -> None:
+        """Let cells die; see `Simulation.die`. When they are gone is not known."""
+        _validate.number("die: over", over, above=0)
+        for name in cells:
+            self._check_alive(name)
 
     def remove(self, cells: Iterable[str]) -> None:
         """Take cells out; see `Simulation.remove`."""

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from morphosim import _shown, _validate
 from morphosim.cell_field import CellField
+from morphosim.cell_table import Column
 from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.shapes import Field, PowerCell
 from morphosim.numerics.parameters import Numerics
@@ -170,6 +171,17 @@ class Scene:
     def possible_types(self) -> list[str]:
         """Types that cells have, or may get by events, in alphabetical order."""
         return sorted(set(self.types).union(*(stage.makes for stage in self.stages)))
+
+    @property
+    def columns(self) -> list[Column]:
+        """State per cell that events and rules of its stages keep."""
+        return list(dict.fromkeys(c for stage in self.stages for c in stage.columns))
+
+    @property
+    def may_be_several(self) -> bool:
+        """Whether there may ever be more than one cell, as far as events tell."""
+        divides = any(stage.divides for stage in self.stages)
+        return len(self.cells) > 1 or divides or len(self.possible_names) > 1
 
     @property
     def possible_names(self) -> list[str]:

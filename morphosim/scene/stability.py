@@ -288,7 +288,7 @@ def conditions(scene: Scene, physics: Physics, rehearsal: Rehearsal | None = Non
         volumes=np.concatenate([*map(_volumes, stepped), given[1]]),
         filled=np.concatenate([*map(_filled, stepped), given[1]]),
         types=scene.possible_types,
-        several=len(scene.possible_names) > 1,
+        several=scene.may_be_several,
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from morphosim import _validate
 from morphosim._shown import short_repr
+from morphosim.cell_table import Column
 from morphosim.scene.ends import ENDS, Duration, End
 from morphosim.scene.events import Event
 from morphosim.scene.target import PhysicsValues, check_physics
@@ -36,8 +37,8 @@ class Stage:
     events : sequence of Event
         What happens at the start, in this order, before `physics` holds.
     rules : sequence of Event
-        What is applied after `physics` holds, and again and again while the stage lasts: cells
-        that differentiate by contact, for example.
+        What is applied after `physics` holds, and again and again while the stage lasts, in this
+        order: cells that divide, grow or differentiate, for example.
     rules_every : float
         *In silico* time in between; rounded to steps, where these are all δt.
     """
@@ -96,6 +97,19 @@ class Stage:
         ]  # fmt: skip
 
     @property
+    def columns(self) -> list[Column]:
+        """State per cell that its events and rules keep."""
+        return [
+            column
+            for event in (*self.events, *self.rules) for column in getattr(event, "columns", ())
+        ]  # fmt: skip
+
+    @property
+    def divides(self) -> bool:
+        """Whether cells may divide that nobody names."""
+        return any(getattr(event, "divides", False) for event in (*self.events, *self.rules))
+
+    @property
     def makes(self) -> set[str]:
         """Cell types that its events and rules may bring about."""
         return {
@@ -111,6 +125,13 @@ def _check_event(where: str, event: Any) -> None:
     _validate.function(f"{where}.apply", event.apply, 1)
     if hasattr(event, "rehearse"):
         _validate.function(f"{where}.rehearse", event.rehearse, 1)
+    for column in getattr(event, "columns", ()):
+        _validate.instance(f"{where}.columns", column, Column)
+        if not column.shared:
+            message = (
+                f"{where}: column {column.name!r} of a rule must be known to all ranks: shared"
+            )
+            raise ValueError(f"{message}=True")
     for key in ("daughters", "makes"):
         if hasattr(event, key):
             _validate.labels(f"{where}.{key}", getattr(event, key), empty=key == "makes")

@@ -1,6 +1,6 @@
 """The cells that are alive, as a simulation shows them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import overload
 
@@ -42,8 +42,10 @@ class LivingCell:
 class LivingCells(Sequence[LivingCell]):
     """All of them, each made when it is looked at."""
 
-    def __init__(self, cells: CellTable, volumes: VolumeFunctions) -> None:
-        self._cells, self._volumes = cells, volumes
+    def __init__(
+        self, cells: CellTable, volumes: VolumeFunctions, target: Callable[[int], float]
+    ) -> None:
+        self._cells, self._volumes, self._target = cells, volumes, target
 
     def __repr__(self) -> str:
         return f"<{len(self)} living: {listed(self._cells.names)}>"
@@ -67,5 +69,5 @@ class LivingCells(Sequence[LivingCell]):
             parent=cells["parent"][row],
             gamma=None if np.isnan(own) else own,
             frozen=bool(cells["frozen"][row]),
-            volume=float(cells["target"][row]) if function is None else function,
+            volume=self._target(row) if function is None else function,
         )

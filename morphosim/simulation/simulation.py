@@ -29,7 +29,9 @@ from morphosim.scene.scene import Scene
 from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
+from morphosim.simulation.growth import has_courses
 from morphosim.simulation.interrupts import deferred_interrupts
+from morphosim.simulation.lineage_names import stated
 from morphosim.simulation.observers import (
     Observer,
     as_observers,
@@ -119,7 +121,7 @@ class Simulation(State):
         scene = self.scene
         self.until = scene.duration
         for physics in scene.courses:  # what stages do is rehearsed by that
-            check_columns(physics)
+            check_columns(physics, scene.columns)
         self._stages = StageRunner(scene.stages)
         self._volumes = VolumeFunctions(
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
@@ -172,7 +174,7 @@ class Simulation(State):
     def _make_engine(self) -> Engine:
         """Engine without cells."""
         scene = self.scene
-        return Engine(scene.physics, scene.numerics, scene.confinement)
+        return Engine(scene.physics, scene.numerics, scene.confinement, scene.columns)
 
     def _start(self) -> None:
         """Begin with the cells of the scene."""
@@ -264,7 +266,8 @@ class Simulation(State):
         self.engine.restore(state.arrays, physics, state.steps, state.ticks)
         self.stage, self.removed = state.stage, list(state.removed)
         self.identity = state.identity
-        self._used = {*state.used, *state.names}
+        generations = state.arrays.get("generation", np.zeros(len(state.names), int))
+        self._used = {*state.used, *stated(state.names, generations.tolist())}
 
     @property
     def stages_ended(self) -> int:
@@ -436,22 +439,21 @@ class Simulation(State):
         return max(min(due), self.ticks + 1)
 
     def _set_targets(self, time: float) -> None:
-        """Set the target volumes that are functions of time."""
-        everyone = self.engine.everyone
-        self._volumes.fill(everyone["target"], everyone, time)
+        """Set the target volumes that are functions of time, or follow rules."""
+        self._fill_targets(self.engine.everyone["target"], time)
 
     def _step(self, most: int) -> None:
         """Take a step of at most so many ticks."""
         before = self.time
-        if self._volumes.functions and self.steps % LOOK_AT_TARGETS == 0:
+        changing = self._volumes.functions or has_courses(self.engine.everyone)
+        if changing and self.steps % LOOK_AT_TARGETS == 0:
             self._stay_stable()
         self.engine.step(most)
         if (diverged := self.engine.diverged()).size:
             self._raise_divergence(int(diverged[0]), before)
         if self.engine.overdue:
             self._raise_overdue()
-        if (vanished := self.engine.vanished()).size and self.scene.on_vanish != "ignore":
-            self._handle_vanished(vanished)
+        self._take_out_lost(self.engine.vanished())
 
     def _raise_divergence(self, i: int, before: float) -> None:
         name = self.names[i]
@@ -488,13 +490,30 @@ class Simulation(State):
         )
         raise ToleranceError(message, time=self.time, cell=name)
 
-    def _handle_vanished(self, vanished: NDArray[np.int64]) -> None:
-        if self.scene.on_vanish == "stop" or len(vanished) == len(self.engine):
-            name = self.names[int(vanished[0])]
+    def _take_out_lost(self, vanished: NDArray[np.int64]) -> None:
+        """Take out cells that are below 1/2 everywhere, and those that have died."""
+        dead = self._dead(vanished)
+        lost = np.setdiff1d(vanished, dead) if self.scene.on_vanish != "ignore" else vanished[:0]
+        if lost.size and (self.scene.on_vanish == "stop" or len(lost) == len(self.engine)):
+            name = self.names[int(lost[0])]
             message = (
                 f"cell {name!r} vanished at t = {self.time:g}: φ < 0.5 everywhere. Try the "
                 "relative volume constraint, a larger physics.c or M, a finer numerics.spacing, "
                 "or scene.on_vanish = 'remove'"
             )
             raise CellVanishedError(message, time=self.time, cell=name)
-        self._take_out(vanished[::-1].tolist())
+        gone = np.union1d(lost, dead)
+        if gone.size and len(gone) == len(self.engine):
+            name = self.names[int(gone[0])]
+            message = f"the last cells have died at t = {self.time:g}: {_shown.listed(self.names)}"
+            raise CellVanishedError(message, time=self.time, cell=name)
+        self._take_out(gone[::-1].tolist())
+
+    def _dead(self, vanished: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Cells that die and are gone: their time is over, or they have vanished."""
+        table = self.engine.everyone
+        if "dying" not in table:
+            return vanished[:0]
+        over = self.time >= table["grown_until"]
+        over[vanished] = True
+        return np.flatnonzero(table["dying"] & over)

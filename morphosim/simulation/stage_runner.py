@@ -21,6 +21,9 @@ class Staged(Target, Protocol):
     stage: str
     events: list[tuple[float, str]]
 
+    def stop_growth(self) -> None:
+        """Let target volumes grow no more."""
+
     @property
     def ticks(self) -> int:
         """Ticks passed; see `Numerics.tick`."""
@@ -74,11 +77,13 @@ class StageRunner:
         if self.done or self.begun >= 0:
             return
         stage = self.stages[self.index]
+        simulation.stop_growth()
+        simulation.since_rules = 0.0
         for event in stage.events:
             event.apply(simulation)
         if stage.physics:
             simulation.change_physics(**stage.physics)
-        self._apply_rules(simulation, stage)
+        self._apply_rules(simulation, stage, 0.0)
         simulation.stage = stage.name
         self.begun, self.speeds = simulation.ticks, []
         self._look(simulation, stage)
@@ -116,12 +121,16 @@ class StageRunner:
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
             self.index, self.begun, self.last, self.back = self.index + 1, -1, None, None
             return True
-        if ticks % stage.rules_interval(tick) == 0:
-            self._apply_rules(simulation, stage)
+        interval = stage.rules_interval(tick)
+        if ticks % interval == 0:
+            self._apply_rules(simulation, stage, interval * tick)
         return False
 
-    def _apply_rules(self, simulation: Staged, stage: Stage) -> None:
-        for rule in stage.rules:
+    def _apply_rules(self, simulation: Staged, stage: Stage, since: float) -> None:
+        """Apply the rules of a stage, a time after they last were."""
+        simulation.since_rules = since
+        for k, rule in enumerate(stage.rules):
+            simulation.rule = k
             rule.apply(simulation)
 
     def _look(self, simulation: Staged, stage: Stage) -> None:

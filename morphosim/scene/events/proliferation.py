@@ -35,7 +35,7 @@ LEAST_SHARE = 0.1
 ROOM = 2.0
 """A daughter's share must be so many times what the lattice can just resolve."""
 NUMBERED = re.compile(r"(?P<founder>.+)\.(?P<number>[1-9][0-9]*)")
-"""Name that a rule gives: a.2 and a.3 are daughters of a, a.4 and a.5 of a.2: k has 2 k, 2 k + 1."""
+"""Name that a rule gives: daughters of a are a.2 and a.3; those of a.2 a.4 and a.5, and so on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,9 +196,7 @@ class Proliferation:
         across = np.cross(outward, drawn)
         return np.where(_length(across) > 0, across, drawn)
 
-    def _types(
-        self, simulation: Target, rows: NDArray[np.int64]
-    ) -> list[tuple[str, str]] | None:
+    def _types(self, simulation: Target, rows: NDArray[np.int64]) -> list[tuple[str, str]] | None:
         """Types of the daughters of each of these cells."""
         if self.into is None:
             return None
