@@ -1,4 +1,4 @@
-"""Variables that every save of a run holds, declared where they are computed.
+"""Variables that saves of a run hold, declared where they are computed.
 
 `measured` over a function, or over what would be a property of a class, is all that a new variable
 takes: it is saved, merged, packed and opened under the function's name.
@@ -120,12 +120,13 @@ class Measured(cached_property[T]):
     ----------
     name : str
     variable : Variable
+    column : column of the cell table without which there is no such value; "" if it needs none
     owner : the class whose property it is, or None
     """
 
-    def __init__(self, function: Callable[[Any], T], variable: Variable) -> None:
+    def __init__(self, function: Callable[[Any], T], variable: Variable, column: str = "") -> None:
         super().__init__(function)
-        self.name, self.variable = function.__name__, variable
+        self.name, self.variable, self.column = function.__name__, variable, column
         self.owner: type | None = None
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -149,6 +150,7 @@ def measured(
     text: str,
     kind: Any = "f8",
     extra: Mapping[str, str] | None = None,
+    column: str = "",
 ) -> Callable[[Callable[[Any], T]], Measured[T]]:
     """Declare a variable that every save holds from now on; the function's name is its name.
 
@@ -165,6 +167,9 @@ def measured(
         How it is stored.
     extra : mapping, optional
         Further CF attributes.
+    column : str, optional
+        State of a rule that it is measured of (see `Event`): runs of scenes without such a rule do
+        not have it.
 
     Raises
     ------
@@ -186,7 +191,7 @@ def measured(
         _check_name(function)
         _check_dims(function.__name__, names)
         _check_kind(function.__name__, variable)
-        MEASURED[function.__name__] = new = Measured(function, variable)
+        MEASURED[function.__name__] = new = Measured(function, variable, column)
         return new
 
     return declare

@@ -64,14 +64,15 @@ class MeasuredState:
 
     @property
     def table(self) -> dict[str, NDArray[Any]]:
-        """Values of all variables by name, in the order of a file.
+        """Values of all variables that the scene has by name, in the order of a file.
 
         Raises
         ------
         VariableError
             A variable cannot be measured.
         """
-        return {name: self[name] for name in variables()}
+        present = {"", *(column.name for column in self.simulation.scene.columns)}
+        return {name: self[name] for name in variables() if MEASURED[name].column in present}
 
     @cached_property
     def names(self) -> Sequence[str]:
@@ -204,6 +205,27 @@ class MeasuredState:
         """(N,) estimated error of the centroid in space, nm."""
         return self.simulation.errors.space
 
+    @measured(dims=PER_CELL, units="1", text="in silico time since the cell's birth", column="born")
+    def age(self) -> Real:
+        """(N,) *in silico* time since birth, or since the start."""
+        return self.simulation.time - self.simulation.column("born")
+
+    @measured(
+        dims=PER_CELL, units="1", text="divisions between a cell of the start and this one",
+        column="generation",
+    )  # fmt: skip
+    def generation(self) -> Real:
+        """(N,) divisions that have led to the cell."""
+        return np.asarray(self.simulation.column("generation"), float)
+
+    @measured(
+        dims=PER_CELL, units="1", text="pressure 1 - v/V, volume over target volume",
+        column="grown_from",
+    )  # fmt: skip
+    def pressure(self) -> Real:
+        """(N,) pressures p = 1 - v/V of Eq. 10, over M'."""
+        return np.asarray(1 - self.volume / self.target_volume)
+
     @measured(dims=PER_TIME, text="stage of the protocol", kind=str)
     def stage(self) -> str:
         """Name of the present stage."""
@@ -265,4 +287,7 @@ def variables() -> dict[str, Variable]:
 
 def built_in_variables() -> dict[str, Variable]:
     """Those that every run has."""
-    return {name: each for name, each in variables().items() if MEASURED[name].owner in _PARTS}
+    return {
+        name: each for name, each in variables().items()
+        if MEASURED[name].owner in _PARTS and not MEASURED[name].column
+    }  # fmt: skip
