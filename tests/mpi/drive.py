@@ -15,6 +15,7 @@ import numpy as np
 from mpi4py import MPI
 
 from morphosim import (
+    Apoptosis,
     Attraction,
     Cell,
     CellChange,
@@ -23,8 +24,10 @@ from morphosim import (
     Division,
     Duration,
     EllipsoidShell,
+    Growth,
     Numerics,
     Physics,
+    Proliferation,
     QuasiSteady,
     Removal,
     RunWriter,
@@ -108,6 +111,20 @@ def controlled() -> Scene:
         cells=[growing, *others], physics=Physics(sigma=0.3, terms=[Turning()]), stages=stages,
         numerics=numerics(dt=2.0, tolerance=20.0, precision="single"),
     )  # fmt: skip
+
+
+def growing() -> Scene:
+    """Cells that divide, several at a time, grow and die by rules of all kinds."""
+    rules = [
+        Proliferation(volume=290.0, spread=0.15, axis="long", into={"B": ("A", "B")}),
+        Proliferation(rate=5e-3, axis="outward", neighbours=6, types=["A"]),
+        Apoptosis(rate=8e-3, over=8.0),
+        Growth(doubling_time=60.0, spread=0.2, pressure=0.4),
+    ]
+    life = Stage(name="life", end=Duration(30), rules=rules, rules_every=5.0)
+    return Scene(
+        cells=cells(8), physics=Physics(sigma=0.3), stages=[life], numerics=numerics(seed=2)
+    )
 
 
 def vanishing(**values: Any) -> Scene:
@@ -273,6 +290,7 @@ def main() -> None:
     write(folder, "moving", moved)
     write(folder, "staged", advanced(staged(), lambda s: s.run()))
     write(folder, "controlled", advanced(controlled(), lambda s: s.run()))
+    write(folder, "growing", advanced(growing(), lambda s: s.run(), rebalance=8))
     remove = vanishing(on_vanish="remove")
     write(folder, "vanishing", advanced(remove, lambda s: s.run(until=40)))
     write(folder, "stopping", advanced(vanishing(), lambda s: s.run(until=40)))

@@ -16,7 +16,7 @@ import xarray as xr
 from morphosim import Cell, Scene, Sphere, open_run, save_scene
 
 DRIVE = Path(__file__).with_name("drive.py")
-SCENES = ["moving", "staged", "controlled", "vanishing", "stopping"]
+SCENES = ["moving", "staged", "controlled", "growing", "vanishing", "stopping"]
 RANKS = [1, 2, 4]
 pytestmark = [
     pytest.mark.skipif(shutil.which("mpirun") is None, reason="mpirun is not installed"),
@@ -68,6 +68,7 @@ def test_same_state_as_on_one_rank(scene: str, alone: Path, over: Path) -> None:
                 np.testing.assert_array_equal(found[name], expected[name])
         for name in set(expected.files) & {"phi", "heading"}:
             np.testing.assert_array_equal(found[name], expected[name])
+        assert scene != "growing" or {"born", "generation", "grown_from"} <= set(expected.files)
     assert scene != "staged" or {"heading", "course", "age", "swims"} <= set(expected.files)
 
 
