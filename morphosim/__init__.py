@@ -72,6 +72,7 @@ _EXPORTS = {
     "RunWriter": "runs.writer",
     "Cell": "scene.cell",
     "VolumeCourse": "scene.cell",
+    "CellCount": "scene.ends",
     "Duration": "scene.ends",
     "QuasiSteady": "scene.ends",
     "Steady": "scene.ends",
@@ -141,7 +142,7 @@ if TYPE_CHECKING:
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
     from morphosim.scene.cell import Cell, VolumeCourse
-    from morphosim.scene.ends import Duration, QuasiSteady, Steady, When
+    from morphosim.scene.ends import CellCount, Duration, QuasiSteady, Steady, When
     from morphosim.scene.events import (
         Apoptosis,
         CellChange,
@@ -172,6 +173,7 @@ __all__ = [
     "BoxWalls",
     "Cell",
     "CellChange",
+    "CellCount",
     "CellTable",
     "CellVanishedError",
     "Column",

@@ -94,10 +94,28 @@ class When:
         return bool(self.condition(simulation))
 
 
+@dataclass(frozen=True, slots=True)
+class CellCount:
+    """The stage ends as soon as there are so many cells."""
+
+    cells: int
+    looks_back = False
+    every_step = True
+    uses_speeds = False
+
+    def __post_init__(self) -> None:
+        _validate.integer("stage: cells", self.cells, least=1)
+
+    def reached(self, speeds: Sequence[float], elapsed: float, simulation: Target) -> bool:
+        """See `End`."""
+        return len(simulation.cells) >= self.cells
+
+
 ENDS: dict[str, type] = {
     "duration": Duration,
     "steady": Steady,
     "quasi-steady": QuasiSteady,
     "when": When,
+    "cells": CellCount,
 }
 """Classes by the `kind` that a scene file names them by."""

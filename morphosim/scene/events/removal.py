@@ -4,6 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.scene.target import Foreseen, Target
@@ -59,16 +61,15 @@ class Removal:
             simulation.remove(_apart(simulation))
 
     def _beyond(self, simulation: Target) -> list[str]:
+        if not (self.below or self.above):
+            return []
         places = simulation.centroids
-        sides = [(1, self.below), (-1, self.above)]
-        return [
-            name
-            for name, place in zip(simulation.names, places, strict=True)
-            if any(
-                sign * place[AXES.index(axis)] < sign * limit
-                for sign, side in sides for axis, limit in side.items()
-            )
-        ]  # fmt: skip
+        beyond = np.zeros(len(places), bool)
+        for sign, side in ((1, self.below), (-1, self.above)):
+            for axis, limit in side.items():
+                beyond |= sign * places[:, AXES.index(axis)] < sign * limit
+        names = simulation.names
+        return [names[row] for row in np.flatnonzero(beyond)]
 
 
 def _apart(simulation: Target) -> list[str]:
