@@ -77,7 +77,7 @@ def page_of_terms() -> Iterator[ModuleType]:
         for block in re.findall(r"```python\n(.*?)```", TERMS, flags=re.DOTALL):
             exec(block, vars(module))
         yield module
-        MEASURED.pop("age", None)
+        MEASURED.pop("swimming", None)
 
 
 def moved_by(*terms: object, time: float = 40.0) -> np.ndarray:
@@ -109,7 +109,7 @@ def test_the_page_of_terms_moves_cells_by_their_own_state(
     simulation.run(until=20, observers=[RunWriter(tmp_path / "run", 10)])
     assert simulation.column("age").tolist() == [20]
     with open_run(tmp_path / "run") as run:
-        assert run["age"].values.ravel().tolist() == [0, 10, 20]
+        assert run["swimming"].values.ravel().tolist() == [0, 10, 20]
 
 
 def test_the_page_of_terms_holds_a_cell_with_a_floor(page_of_terms: ModuleType) -> None:

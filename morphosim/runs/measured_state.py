@@ -26,6 +26,7 @@ from morphosim.measure.variable import (
 )
 from morphosim.runs.observed import Observed
 from morphosim.runs.schema import names_in_files
+from morphosim.scene.scene import Scene
 
 Real = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,8 +72,7 @@ class MeasuredState:
         VariableError
             A variable cannot be measured.
         """
-        present = {"", *(column.name for column in self.simulation.scene.columns)}
-        return {name: self[name] for name in variables() if MEASURED[name].column in present}
+        return {name: self[name] for name in variables(self.simulation.scene)}
 
     @cached_property
     def names(self) -> Sequence[str]:
@@ -275,14 +275,21 @@ _PARTS: dict[Any, Callable[[MeasuredState], Any]] = {
 """Classes whose properties are variables, and where a state has them; all others are functions."""
 
 
-def variables() -> dict[str, Variable]:
-    """All measured variables in the order of a file: numbers, then texts; users' after ours."""
+def variables(scene: Scene | None = None) -> dict[str, Variable]:
+    """Measured variables in the order of a file: numbers, then texts; users' after ours.
+
+    Parameters
+    ----------
+    scene : Scene, optional
+        Of whose runs; by default all that there are.
+    """
     rank = {owner: k for k, owner in enumerate(_PARTS)}
     ordered = sorted(
         MEASURED.values(),
         key=lambda each: (each.variable.kind is str, rank.get(each.owner, len(rank))),
     )
-    return {each.name: each.variable for each in ordered}
+    state = None if scene is None else {"", *(column.name for column in scene.columns)}
+    return {each.name: each.variable for each in ordered if state is None or each.column in state}
 
 
 def built_in_variables() -> dict[str, Variable]:

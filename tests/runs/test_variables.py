@@ -102,9 +102,9 @@ def test_files_say_what_is_declared(tmp_path: Path) -> None:
     Simulation(scene()).run(until=0, observers=[RunWriter(tmp_path, 4)])
     path = tmp_path / "save-000000.nc"
     with netCDF4.Dataset(path) as file:
-        assert [name for name in file.variables if name in MEASURED] == list(variables())
+        assert [name for name in file.variables if name in MEASURED] == list(variables(scene()))
     with xr.open_dataset(path) as save:
-        for name, variable in variables().items():
+        for name, variable in variables(scene()).items():
             assert save[name].dims == variable.dims
             assert save[name].attrs == variable.attributes
 
@@ -116,7 +116,7 @@ def test_a_value_that_two_variables_share_is_computed_once(monkeypatch: pytest.M
     state = MeasuredState(simulation)
     assert state["step"] == 0
     assert calls == []
-    assert set(state.table) == set(variables())
+    assert set(state.table) == set(variables(scene()))
     assert calls == ["all"]
     assert state["volume"] is state["volume"]
     with pytest.raises(
@@ -200,7 +200,7 @@ def test_a_variable_may_use_another_of_the_user(tmp_path: Path) -> None:
     state = MeasuredState(Simulation(scene()))
     np.testing.assert_array_equal(half(state), state["volume"] / 2)
     assert list(state.table)[-5:] == ["half", "whole", "stage", "events", "type"]
-    assert set(variables()) - set(built_in_variables()) == {"half", "whole"}
+    assert set(variables(scene())) - set(built_in_variables()) == {"half", "whole"}
 
 
 def test_a_function_may_be_declared_again() -> None:

@@ -69,7 +69,7 @@ class Removal:
             for axis, limit in side.items():
                 beyond |= sign * places[:, AXES.index(axis)] < sign * limit
         names = simulation.names
-        return [names[row] for row in np.flatnonzero(beyond)]
+        return [names[row] for row in np.flatnonzero(beyond).tolist()]
 
 
 def _apart(simulation: Target) -> list[str]:
