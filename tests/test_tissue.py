@@ -450,6 +450,51 @@ def test_rules_of_ones_own_have_columns() -> None:
     assert simulation.column("dying").all()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """An event of one's own that names cells, and is rehearsed."""
+
+    dies: str = "a"
+    divides: str = "b"
+    columns = Proliferation.columns
+
+    def apply(self, simulation: Any) -> None:
+        simulation.die([self.dies], over=10.0)
+        simulation.divide_cells([self.divides], [("p", "q")], axes=[(1, 0, 0)])
+        simulation.remove(["p"])
+
+    rehearse = apply
+
+
+def test_events_of_ones_own_are_rehearsed() -> None:
+    cells = [cell("a"), cell("b", 20.0)]
+    given = replace(scene(cells=cells), stages=[Stage(name="x", end=Duration(4), events=[Named()])])
+    simulation = Simulation(given)
+    simulation.run()
+    assert simulation.names == ["a", "q"]
+    for wrong, words in ((Named(dies="z"), "cell = 'z'"), (Named(divides="z"), "cell = 'z'")):
+        later = Stage(name="x", end=Duration(4), events=[wrong])
+        with pytest.raises(ValueError, match=rf"stage 'x': events\[0\]: {words} is not known"):
+            Simulation(replace(given, stages=[later]))
+
+
+def test_a_frozen_cell_stops_growing() -> None:
+    simulation = started(Growth(rate=0.01), cells=[cell("a"), cell("b", 20.0)])
+    simulation.change_cells(["a"], frozen=True)
+    now = simulation.targets[0]
+    simulation.run(until=20)
+    assert simulation.targets[0] == now
+    assert simulation.targets[1] > now
+
+
+def test_who_is_just_born_has_had_no_time_to_die() -> None:
+    rules = [Proliferation(age=10.0), Apoptosis(rate=100.0, over=50.0, types=[""])]
+    simulation = Simulation(scene(*rules, every=10.0))
+    simulation.run(until=10)
+    assert simulation.names == ["a.2", "a.3"]
+    assert not simulation.column("dying").any()
+
+
 WRONG: dict[str, tuple[Any, tuple[str, ...]]] = {
     "no rate": (lambda: Growth(), ("rate = None and doubling_time = None", "one of the two")),
     "two rates": (lambda: Growth(rate=1.0, doubling_time=2.0), ("give one of the two",)),

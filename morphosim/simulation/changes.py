@@ -361,6 +361,7 @@ class Changes:
     def _set_frozen(self, rows: Rows, frozen: bool) -> NDArray[np.bool_]:
         changed = self._set_column("frozen", rows, frozen)
         if changed.any():
+            growth.stop(self.engine.everyone, self.time, rows[changed])
             self.engine.restart(rows[changed])
         return changed
 

@@ -101,7 +101,8 @@ def picked(
         found &= flags(f"{purpose}: when", when(simulation), len(found))
     if rate is not None:
         drawn = uniform(simulation.chance(f"{purpose}: rate", again=True))
-        found &= drawn < -np.expm1(-rate * simulation.since_rules)
+        exposed = np.minimum(simulation.since_rules, simulation.time - simulation.column("born"))
+        found &= drawn < -np.expm1(-rate * exposed)
     return found
 
 
