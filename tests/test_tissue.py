@@ -487,6 +487,19 @@ def test_a_frozen_cell_stops_growing() -> None:
     assert simulation.targets[1] > now
 
 
+def test_daughters_of_another_type_do_not_grow_as_their_mother() -> None:
+    rules = [Growth(rate=0.01, types=["x"]), Proliferation(when=once, into=["x", "y"])]
+    simulation = started(*rules, cells=[cell(type="x")])
+    simulation.run(until=20)
+    expected = BALL / 2 * np.array([np.exp(0.2), 1])
+    np.testing.assert_allclose(simulation.targets, expected, rtol=1e-12)
+
+
+def test_names_of_the_start_may_end_in_numbers() -> None:
+    simulation = started(Proliferation(when=once), cells=[cell("a.2"), cell("b.1", 20.0)])
+    assert simulation.names == ["a.2.2", "a.2.3", "b.1.2", "b.1.3"]
+
+
 def test_who_is_just_born_has_had_no_time_to_die() -> None:
     rules = [Proliferation(age=10.0), Apoptosis(rate=100.0, over=50.0, types=[""])]
     simulation = Simulation(scene(*rules, every=10.0))
