@@ -487,6 +487,14 @@ def test_a_frozen_cell_stops_growing() -> None:
     assert simulation.targets[1] > now
 
 
+def test_a_stated_volume_takes_the_place_of_a_course_from_which_growth_goes_on() -> None:
+    simulation = started(Growth(rate=0.01))
+    simulation.change_cells(["a"], volume=600.0)
+    assert simulation.targets[0] == 600
+    simulation.run(until=20)
+    assert simulation.targets[0] == pytest.approx(600 * np.exp(0.1), rel=1e-12)
+
+
 def test_daughters_of_another_type_do_not_grow_as_their_mother() -> None:
     rules = [Growth(rate=0.01, types=["x"]), Proliferation(when=once, into=["x", "y"])]
     simulation = started(*rules, cells=[cell(type="x")])
