@@ -125,6 +125,10 @@ class Target(Changeable, Protocol):
         """The living cells."""
 
     @property
+    def types(self) -> Sequence[str]:
+        """Their types."""
+
+    @property
     def fields(self) -> Sequence[CellField]:
         """Their fields."""
 
@@ -146,9 +150,6 @@ class Target(Changeable, Protocol):
 
     def column(self, name: str) -> NDArray[Any]:
         """(N, …) values of a column of the cell table."""
-
-    def types_at(self, rows: Sequence[int]) -> list[str]:
-        """Types of the cells of some rows."""
 
     def ready(self, types: Sequence[str] = ()) -> NDArray[np.bool_]:
         """(N,) which cells rules may act on: of these types, neither frozen nor dying."""

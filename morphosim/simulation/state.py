@@ -135,11 +135,6 @@ class State(Changes):
         """(N, …) values of a column of the cell table, such as the state of a force term."""
         return self.engine.column(name)
 
-    def types_at(self, rows: Sequence[int]) -> list[str]:
-        """Types of the cells of some rows."""
-        table = self.engine.everyone
-        return [table.kinds[kind] for kind in table["kind"][list(rows)].tolist()]
-
     def ready(self, types: Sequence[str] = ()) -> NDArray[np.bool_]:
         """(N,) which cells rules may act on: of these types, or all, neither frozen nor dying."""
         table = self.engine.everyone

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.scene.target import Foreseen, Target
@@ -43,14 +45,12 @@ class Differentiation:
 
     def apply(self, simulation: Target) -> None:
         """Change the types."""
-        from morphosim.measure.contacts import contact_areas
-
-        types = {cell.name: cell.type for cell in simulation.cells}
-        shared: dict[str, float] = {}
-        areas = contact_areas(simulation.fields, simulation.spacing)
-        for (a, b), area in areas.items():
-            for name, other in ((a, b), (b, a)):
-                if types[name] == self.of and types[other] == self.touching:
-                    shared[name] = shared.get(name, 0.0) + area
-        changed = [name for name, area in shared.items() if area > self.area]
+        shapes, types = simulation.measured(), np.array(simulation.types)
+        of, touching = types == self.of, types == self.touching
+        shared = np.zeros(len(types))
+        for a, b in (shapes.contacts.T, shapes.contacts.T[::-1]):
+            counts = of[a] & touching[b]
+            np.add.at(shared, a[counts], shapes.contact_area[counts])
+        names = simulation.names
+        changed = [names[row] for row in np.flatnonzero(shared > self.area).tolist()]
         simulation.change_cells(changed, type=self.into)

@@ -201,9 +201,10 @@ class Proliferation:
         if self.into is None:
             return None
         drawn = uniform(simulation.chance("proliferation: into")[rows])
+        kinds = simulation.types
         types: list[tuple[str, str]] = []
         for row, number in zip(rows.tolist(), drawn.tolist(), strict=True):
-            own = simulation.types_at([row])[0]
+            own = kinds[row]
             pair = self.into.get(own) if isinstance(self.into, Mapping) else self.into
             first, second = pair if pair is not None and number < self.probability else (own, own)
             types.append((first, second))

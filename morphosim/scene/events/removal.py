@@ -8,6 +8,7 @@ import numpy as np
 
 from morphosim import _validate
 from morphosim._shown import short_repr
+from morphosim.measure.aggregates import Aggregates
 from morphosim.scene.target import Foreseen, Target
 
 AXES = ("x", "y", "z")
@@ -16,6 +17,8 @@ AXES = ("x", "y", "z")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Removal:
     """Cells are taken out: those named, and those that rules pick; first by place, then by contact.
+
+    As a rule of a stage it extrudes what leaves a tissue.
 
     Attributes
     ----------
@@ -74,12 +77,6 @@ class Removal:
 
 def _apart(simulation: Target) -> list[str]:
     """Cells that are not in the largest aggregate of cells in contact."""
-    import networkx as nx
-
-    from morphosim.measure.contacts import contact_areas
-
-    graph = nx.Graph()
-    graph.add_nodes_from(simulation.names)
-    graph.add_edges_from(contact_areas(simulation.fields, simulation.spacing))
-    largest = max(nx.connected_components(graph), key=len)
-    return [name for name in simulation.names if name not in largest]
+    aggregate = Aggregates(simulation.measured(), simulation.types).aggregate
+    names = simulation.names
+    return [names[row] for row in np.flatnonzero(aggregate > 0).tolist()]
