@@ -1,4 +1,4 @@
-"""What may change a simulation between two steps: divisions, removals, other parameters."""
+"""What may change a simulation between two steps: removals, and parameters of cells or of all."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -7,32 +7,27 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from morphosim import _shown, _validate
-from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
 from morphosim.engine.engine import Engine, check_columns
 from morphosim.errors import warn
-from morphosim.geometry.phase_field import least_volume
 from morphosim.physics.parameters import Physics
 from morphosim.physics.term import Conditions
 from morphosim.scene import stability
-from morphosim.scene.cell import CHANGEABLE, VolumeFunction, check_values, volume_at
+from morphosim.scene.cell import CHANGEABLE, check_values, volume_at
 from morphosim.scene.scene import Scene
 from morphosim.scene.stability import StabilityWarning
 from morphosim.scene.tables import physics_table
-from morphosim.simulation import growth, lineage_names
-from morphosim.simulation.division import divided
+from morphosim.simulation import growth
 from morphosim.simulation.volumes import VolumeFunctions
 
 Rows = NDArray[np.int64]
-GONE = 0.05
-"""A cell that dies is taken out when its target is this share of what it was."""
 
 
 class Changes:
-    """The changes that events make; a part of `Simulation`.
+    """Changes that events make; a part of `Simulation`.
 
     A change costs what the cells that it touches cost: the others keep their history.
 
@@ -44,16 +39,12 @@ class Changes:
         Cells that were taken out.
     events : list of (time, text)
         What has changed the simulation.
-    since_rules, rule
-        See `scene.target.Target`.
     """
 
     scene: Scene
     engine: Engine
     removed: list[tuple[float, str]]
     events: list[tuple[float, str]]
-    since_rules: float = 0.0
-    rule: int = 0
     _volumes: VolumeFunctions
     _used: set[str]
     """Names that cells have or have had, but those that number a founder's descendants."""
@@ -68,223 +59,6 @@ class Changes:
         """The physics that hold now: those of the scene, as events have changed them."""
         return self.engine.physics
 
-    def divide(
-        self,
-        cell: str,
-        daughters: tuple[str, str],
-        *,
-        axis: ArrayLike,
-        fraction: float = 0.5,
-        types: tuple[str, str] | None = None,
-        volumes: tuple[float | VolumeFunction, float | VolumeFunction] | None = None,
-    ) -> None:
-        """Divide a cell in its box; the daughters' next step is of first order.
-
-        All after the daughters is given by keyword: `divide("P0", ("AB", "P1"), axis=(-1, 0, 0))`.
-
-        Parameters
-        ----------
-        cell : str
-        daughters : names of the daughters
-        axis : (3,) from the second daughter to the first
-        fraction : float
-            Share of ∫ φ that the first daughter gets.
-        types : optional
-            By default the mother's.
-        volumes : optional
-            Target volumes in µm³, or functions of time; by default shares of what the mother's
-            is now.
-
-        Raises
-        ------
-        ValueError
-            There is no such cell, or a cell has or had a daughter's name.
-        """
-        self._row(cell)
-        pair = _validate.labels(f"division of {cell!r}: daughters", daughters, 2)
-        for what, both in (("types", types), ("volumes", volumes)):
-            if both is not None:
-                _validate.several(f"division of {cell!r}: {what}", both, what, 2)
-        self.divide_cells(
-            [cell], [(pair[0], pair[1])], axes=[axis], fractions=[fraction],
-            types=None if types is None else [types],
-            volumes=None if volumes is None else [volumes],
-        )  # fmt: skip
-
-    def divide_cells(
-        self,
-        cells: Sequence[str],
-        daughters: Sequence[tuple[str, str]] | None = None,
-        *,
-        axes: Any,
-        fractions: Any = 0.5,
-        types: Sequence[tuple[str, str]] | None = None,
-        volumes: Sequence[tuple[float | VolumeFunction, float | VolumeFunction]] | None = None,
-    ) -> None:
-        """Divide several cells at once; see `divide`. Either all of them divide, or none.
-
-        Parameters
-        ----------
-        cells : names of n cells
-        daughters : n pairs of names, optional
-            By default they are numbered: a.2 and a.3 are daughters of a, and cell k of a founder
-            has 2 k and 2 k + 1. Cells must have a `generation` then, see `Proliferation`.
-        axes : (n, 3)
-        fractions : (n,), or one for all
-        types, volumes : n pairs, optional
-
-        Raises
-        ------
-        ValueError
-            See `divide`; or two of the cells, or of the daughters, are the same.
-        """
-        names = _listed(cells)
-        _validate.unique("cell that divides", names)
-        rows = np.array([self._row(name) for name in names], np.int64)
-        if not names:
-            return
-        pairs = self._pairs(names, daughters)
-        shares = np.broadcast_to(np.asarray(fractions), (len(names),)).tolist()
-        kinds, targets = self._heirs(rows, pairs, shares, types, volumes)
-        halves: list[CellField] = []
-        for row, axis, share, pair in zip(rows.tolist(), axes, shares, pairs, strict=True):
-            spacing, scale = self.engine.numerics.spacing, self.physics.interface_scale
-            halves += divided(self.engine.field(row), spacing, axis, share, pair, scale)
-        self._bear(rows, pairs, kinds, targets, halves)
-        if daughters is not None:
-            self._used.update(chain.from_iterable(pairs))
-        first = f"{names[0]} into {pairs[0][0]} and {pairs[0][1]}"
-        self._tell("division of " + (first if len(names) == 1 else several(names)))
-        self._stay_stable()
-
-    def _pairs(
-        self, names: Sequence[str], daughters: Sequence[tuple[str, str]] | None
-    ) -> list[tuple[str, str]]:
-        """Names of the daughters of cells, stated or by number, none of which is taken."""
-        table = self.engine.everyone
-        if daughters is None:
-            return lineage_names.daughters_of(names, table, self._used)
-        pairs = []
-        for cell, given in zip(names, daughters, strict=True):
-            first, second = _validate.labels(f"division of {cell!r}: daughters", given, 2)
-            for name in (first, second):
-                if name in self._used or table.has(name):
-                    message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
-                    raise ValueError(message)
-                lineage_names.check_stated(name, cell, table)
-            pairs.append((first, second))
-        if len(pairs) > 1:
-            _validate.unique("daughter", chain.from_iterable(pairs))
-        return pairs
-
-    def _heirs(
-        self, rows: Rows, pairs: Sequence[tuple[str, str]], shares: Sequence[float],
-        types: Sequence[tuple[str, str]] | None, volumes: Any,
-    ) -> tuple[list[str], list[float | VolumeFunction]]:  # fmt: skip
-        """Types and target volumes of daughters: stated, or inherited from mothers."""
-        table = self.engine.everyone
-        kinds: list[str] = []
-        targets: list[float | VolumeFunction] = []
-        for k, row in enumerate(rows.tolist()):
-            whole, own = self._target(row), table.kinds[table["kind"][row]]
-            kinds += (own, own) if types is None else types[k]
-            halves = (shares[k] * whole, (1 - shares[k]) * whole)
-            targets += halves if volumes is None else volumes[k]
-        for name, kind in zip(chain.from_iterable(pairs), kinds, strict=True):
-            check_values(name, {"type": kind})
-        return kinds, targets
-
-    def _bear(
-        self, rows: Rows, pairs: Sequence[tuple[str, str]], kinds: Sequence[str],
-        targets: Sequence[float | VolumeFunction], halves: Sequence[CellField],
-    ) -> None:  # fmt: skip
-        """Put the daughters of cells in their place."""
-        table = self.engine.everyone
-        names, mothers = list(chain.from_iterable(pairs)), table["name"][rows].tolist()
-        now = [volume_at(name, v, self.time) for name, v in zip(names, targets, strict=True)]
-        values: dict[str, Any] = {
-            "name": names, "parent": np.repeat(np.array(mothers, object), 2), "target": now,
-        }  # fmt: skip
-        if "born" in table:
-            values["born"] = self.time
-        values |= growth.inherited(table, rows, kinds, targets, self.time)
-        self.engine.divide(rows, values, kinds, halves)
-        self._volumes.forget(mothers)
-        for name, target in zip(names, targets, strict=True):
-            self._volumes.set(name, target)
-
-    def grow(
-        self, cells: NDArray[np.bool_], rates: ArrayLike, *, law: str = "exponential",
-        limit: float = np.inf,
-    ) -> None:  # fmt: skip
-        """Let target volumes V grow from now on, without a jump; for rules such as `Growth`.
-
-        Cells of which V is a function of time do not, nor those that die. All that grow stop where
-        a stage begins.
-
-        Parameters
-        ----------
-        cells : (N,) bool
-            Which cells.
-        rates : (N,) or one for all
-            Rates r ≥ 0: V' = r V with the law "exponential", V' = r in µm³ with "linear".
-        limit : float
-            Volume in µm³ that V does not grow beyond.
-
-        Raises
-        ------
-        ValueError
-            No rule in a stage of the scene has the columns that this takes.
-        """
-        table = self.engine.everyone
-        growth.require(table, "grow")
-        rates = np.broadcast_to(np.asarray(rates, float), (len(table),))
-        which = cells & ~table["dying"]
-        if self._volumes.functions:
-            which[table.rows(self._volumes.functions)] = False
-        rows = np.flatnonzero(which)
-        growth.change(table, rows, self._targets(), rates, law, limit, self.time)
-
-    def die(self, cells: Iterable[str], over: float) -> None:
-        """Let cells die: the target volume falls, steadily, to 1/20, and then they are taken out.
-
-        They are listed in `removed` when they are gone, which may be earlier, where φ comes below
-        1/2 everywhere; `Scene.on_vanish` does not matter. Cells that die already go on as they do.
-
-        Parameters
-        ----------
-        cells : names
-        over : float
-            *In silico* time that this takes.
-
-        Raises
-        ------
-        ValueError
-            There is no such cell, or no rule in a stage of the scene has the columns that this
-            takes.
-        """
-        table, over = self.engine.everyone, _validate.number("die: over", over, above=0)
-        growth.require(table, "die")
-        rows = np.array(sorted({self._row(name) for name in _listed(cells)}), np.int64)
-        rows = rows[~table["dying"][rows]]
-        if not len(rows):
-            return
-        names, whole = table["name"][rows].tolist(), self._targets()[rows]
-        least = np.minimum(
-            np.maximum(GONE * whole, 2 * least_volume(self.engine.numerics.spacing)), whole
-        )
-        self._volumes.forget(names)
-        growth.follow(
-            table, rows, whole, self.time, slope=(least - whole) / over, until=self.time + over
-        )
-        table["dying"][rows] = True
-        self._tell(f"death of {several(names)}")
-        self._stay_stable()
-
-    def stop_growth(self) -> None:
-        """Let target volumes grow no more: a stage begins, whose rules say what holds now."""
-        growth.stop(self.engine.everyone, self.time)
-
     def remove(self, cells: Iterable[str]) -> None:
         """Take cells out; the others keep their history. They are listed in `removed`.
 
@@ -293,7 +67,7 @@ class Changes:
         ValueError
             There is no such cell, or none would be left.
         """
-        rows = sorted({self._row(name) for name in _listed(cells)}, reverse=True)
+        rows = sorted({self._row(name) for name in listed(cells)}, reverse=True)
         if len(rows) == len(self.engine):
             message = f"all {len(rows)} cells would be removed; at least one must stay"
             raise ValueError(message)
@@ -310,7 +84,7 @@ class Changes:
             There is no such cell or value.
         """
         _validate.keys("change of cells", values, CHANGEABLE)
-        names = list(dict.fromkeys(_listed(cells)))
+        names = list(dict.fromkeys(listed(cells)))
         rows = np.array([self._row(name) for name in names], np.int64)
         for name in names:
             check_values(name, values)
@@ -476,7 +250,7 @@ class Changes:
         self._volumes.forget(names)
 
 
-def _listed(cells: Iterable[str]) -> tuple[str, ...]:
+def listed(cells: Iterable[str]) -> tuple[str, ...]:
     """Names of cells; TypeError if it is one text, or no texts."""
     given = isinstance(cells, Iterable) and not isinstance(cells, str | bytes)
     return _validate.labels("cells", list(cells) if given else cells)

@@ -1,6 +1,5 @@
 """What a simulation is at the present time: its cells, their fields and figures."""
 
-import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,14 +8,13 @@ from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
 from morphosim.engine.accuracy import Errors
-from morphosim.kernels.noise import normal_vectors
 from morphosim.measure.measurement import Measurement
 from morphosim.scene.scene import Scene
-from morphosim.simulation.changes import Changes
 from morphosim.simulation.living import LivingCells
+from morphosim.simulation.rules import Rules
 
 
-class State(Changes):
+class State(Rules):
     """Facts of the present time; a part of `Simulation`. Arrays have a row for each living cell.
 
     Attributes
@@ -134,41 +132,6 @@ class State(Changes):
     def column(self, name: str) -> NDArray[Any]:
         """(N, …) values of a column of the cell table, such as the state of a force term."""
         return self.engine.column(name)
-
-    def ready(self, types: Sequence[str] = ()) -> NDArray[np.bool_]:
-        """(N,) which cells rules may act on: of these types, or all, neither frozen nor dying."""
-        table = self.engine.everyone
-        found = ~table["frozen"]
-        if "dying" in table:
-            found &= ~table["dying"]
-        if types:
-            wanted = [place for place, kind in enumerate(table.kinds) if kind in types]
-            found &= np.isin(table["kind"], wanted)
-        return np.asarray(found)
-
-    def chance(self, purpose: str, again: bool = False) -> NDArray[np.float64]:
-        """(N, 3) standard normal numbers of each cell, for rules that go by chance.
-
-        They follow from `Numerics.seed`, the cell's id and the purpose, and from nothing else: the
-        same for any number of threads and ranks, and for a run that goes on.
-
-        Parameters
-        ----------
-        purpose : str
-            What they are for; another purpose has other numbers.
-        again : bool
-            Whether each time, and each rule of a stage, has its own; else a cell keeps them for
-            life.
-        """
-        key, at = purpose, 0
-        if again:
-            key, at = f"{purpose} of rule {self.rule}", self.ticks & 0xFFFFFFFF
-        told = zlib.crc32(key.encode()) & 0x7FFFFFFF
-        counter = np.uint64(1 << 63 | told << 32 | at)  # the noise counts ticks, far below
-        ids = self.engine.everyone["id"]
-        drawn = np.empty((len(ids), 3))
-        normal_vectors(np.uint64(self.scene.numerics.seed), counter, ids, drawn)
-        return drawn
 
     def field(self, cell: str) -> CellField:
         """Field of one cell: a view, valid until the next step."""

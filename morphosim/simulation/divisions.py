@@ -1,0 +1,167 @@
+"""Divisions of living cells: one by one, or many at once."""
+
+from collections.abc import Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from morphosim import _validate
+from morphosim.cell_field import CellField
+from morphosim.scene.cell import VolumeFunction, check_values, volume_at
+from morphosim.simulation import growth, lineage_names
+from morphosim.simulation.changes import Changes, Rows, listed, several
+from morphosim.simulation.division import divided
+
+Volumes = tuple[float | VolumeFunction, float | VolumeFunction]
+"""Target volumes of two daughters, µm³."""
+
+
+class Divisions(Changes):
+    """The divisions of a simulation; a part of `Simulation`."""
+
+    def divide(
+        self,
+        cell: str,
+        daughters: tuple[str, str],
+        *,
+        axis: ArrayLike,
+        fraction: float = 0.5,
+        types: tuple[str, str] | None = None,
+        volumes: Volumes | None = None,
+    ) -> None:
+        """Divide a cell in its box; the daughters' next step is of first order.
+
+        All after the daughters is given by keyword: `divide("P0", ("AB", "P1"), axis=(-1, 0, 0))`.
+
+        Parameters
+        ----------
+        cell : str
+        daughters : names of the daughters
+        axis : (3,) from the second daughter to the first
+        fraction : float
+            Share of ∫ φ that the first daughter gets.
+        types : optional
+            By default the mother's.
+        volumes : optional
+            Target volumes in µm³, or functions of time; by default shares of what the mother's
+            is now.
+
+        Raises
+        ------
+        ValueError
+            There is no such cell, or a cell has or had a daughter's name.
+        """
+        self._row(cell)
+        pair = _validate.labels(f"division of {cell!r}: daughters", daughters, 2)
+        for what, both in (("types", types), ("volumes", volumes)):
+            if both is not None:
+                _validate.several(f"division of {cell!r}: {what}", both, what, 2)
+        self.divide_cells(
+            [cell], [(pair[0], pair[1])], axes=[axis], fractions=[fraction],
+            types=None if types is None else [types],
+            volumes=None if volumes is None else [volumes],
+        )  # fmt: skip
+
+    def divide_cells(
+        self,
+        cells: Sequence[str],
+        daughters: Sequence[tuple[str, str]] | None = None,
+        *,
+        axes: Any,
+        fractions: Any = 0.5,
+        types: Sequence[tuple[str, str]] | None = None,
+        volumes: Sequence[Volumes] | None = None,
+    ) -> None:
+        """Divide several cells at once; see `divide`. Either all of them divide, or none.
+
+        Parameters
+        ----------
+        cells : names of n cells
+        daughters : n pairs of names, optional
+            By default they are numbered: a.2 and a.3 are daughters of a, and cell k of a founder
+            has 2 k and 2 k + 1. Cells must have a `generation` then, see `Proliferation`.
+        axes : (n, 3)
+        fractions : (n,), or one for all
+        types, volumes : n pairs, optional
+
+        Raises
+        ------
+        ValueError
+            See `divide`; or two of the cells, or of the daughters, are the same.
+        """
+        names = listed(cells)
+        _validate.unique("cell that divides", names)
+        rows = np.array([self._row(name) for name in names], np.int64)
+        if not names:
+            return
+        pairs = self._pairs(names, daughters)
+        shares = np.broadcast_to(np.asarray(fractions), (len(names),)).tolist()
+        kinds, targets = self._heirs(rows, pairs, shares, types, volumes)
+        halves: list[CellField] = []
+        for row, axis, share, pair in zip(rows.tolist(), axes, shares, pairs, strict=True):
+            spacing, scale = self.engine.numerics.spacing, self.physics.interface_scale
+            halves += divided(self.engine.field(row), spacing, axis, share, pair, scale)
+        self._bear(rows, pairs, kinds, targets, halves)
+        if daughters is not None:
+            self._used.update(chain.from_iterable(pairs))
+        first = f"{names[0]} into {pairs[0][0]} and {pairs[0][1]}"
+        self._tell("division of " + (first if len(names) == 1 else several(names)))
+        self._stay_stable()
+
+    def _pairs(
+        self, names: Sequence[str], daughters: Sequence[tuple[str, str]] | None
+    ) -> list[tuple[str, str]]:
+        """Names of the daughters of cells, stated or by number, none of which is taken."""
+        table = self.engine.everyone
+        if daughters is None:
+            return lineage_names.daughters_of(names, table, self._used)
+        pairs = []
+        for cell, given in zip(names, daughters, strict=True):
+            first, second = _validate.labels(f"division of {cell!r}: daughters", given, 2)
+            for name in (first, second):
+                if name in self._used or table.has(name):
+                    message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
+                    raise ValueError(message)
+                lineage_names.check_stated(name, cell, table)
+            pairs.append((first, second))
+        if len(pairs) > 1:
+            _validate.unique("daughter", chain.from_iterable(pairs))
+        return pairs
+
+    def _heirs(
+        self, rows: Rows, pairs: Sequence[tuple[str, str]], shares: Sequence[float],
+        types: Sequence[tuple[str, str]] | None, volumes: Any,
+    ) -> tuple[list[str], list[float | VolumeFunction]]:  # fmt: skip
+        """Types and target volumes of daughters: stated, or inherited from mothers."""
+        table = self.engine.everyone
+        kinds: list[str] = []
+        targets: list[float | VolumeFunction] = []
+        for k, row in enumerate(rows.tolist()):
+            whole, own = self._target(row), table.kinds[table["kind"][row]]
+            kinds += (own, own) if types is None else types[k]
+            halves = (shares[k] * whole, (1 - shares[k]) * whole)
+            targets += halves if volumes is None else volumes[k]
+        for name, kind in zip(chain.from_iterable(pairs), kinds, strict=True):
+            check_values(name, {"type": kind})
+        return kinds, targets
+
+    def _bear(
+        self, rows: Rows, pairs: Sequence[tuple[str, str]], kinds: Sequence[str],
+        targets: Sequence[float | VolumeFunction], halves: Sequence[CellField],
+    ) -> None:  # fmt: skip
+        """Put the daughters of cells in their place."""
+        table = self.engine.everyone
+        names, mothers = list(chain.from_iterable(pairs)), table["name"][rows].tolist()
+        now = [volume_at(name, v, self.time) for name, v in zip(names, targets, strict=True)]
+        values: dict[str, Any] = {
+            "name": names, "parent": np.repeat(np.array(mothers, object), 2), "target": now,
+        }  # fmt: skip
+        if "born" in table:
+            values["born"] = self.time
+        values |= growth.inherited(table, rows, kinds, targets, self.time)
+        self.engine.divide(rows, values, kinds, halves)
+        self._volumes.forget(mothers)
+        for name, target in zip(names, targets, strict=True):
+            self._volumes.set(name, target)
