@@ -68,6 +68,24 @@ def scene_tables() -> list[dict[str, Any]]:
             }
             for name, kind, x in (("p", "x", 0.0), ("q", "y", 7.0))
         ],
+        "stages": [
+            {
+                "name": "life", "end": {"kind": "cells", "cells": 3}, "rules_every": 4.0,
+                "rules": [
+                    {
+                        "kind": "proliferation", "volume": 110.0, "age": 5.0, "spread": 0.1,
+                        "neighbours": 3, "axis": [1.0, 1.0, 0.0], "share": 0.4,
+                        "share_spread": 0.1, "into": {"x": ["x", "y"]}, "probability": 0.5,
+                    },
+                    {"kind": "apoptosis", "rate": 1e-3, "over": 20.0, "types": ["x"]},
+                    {
+                        "kind": "growth", "doubling_time": 50.0, "spread": 0.2, "limit": 150.0,
+                        "pressure": 0.3, "contact": 0.9, "types": ["x", "y"],
+                    },
+                    {"kind": "growth", "rate": 0.5, "law": "linear"},
+                ],
+            },
+        ],
     }  # fmt: skip
     bounds = {"lower": [-20.0] * 3, "upper": [20.0] * 3}
     ellipsoid = {"kind": "ellipsoid", "center": [9.0, 0.0, 0.0], "semi_axes": [3.0, 3.5, 4.0]}
