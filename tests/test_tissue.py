@@ -555,6 +555,9 @@ WRONG: dict[str, tuple[Any, tuple[str, ...]]] = {
         lambda: started(Proliferation(age=1e3)).divide("a", ("b.2", "c"), axis=(1, 0, 0)),
         ("daughter 'b.2' of 'a': names that end in a number",),
     ),
+    "beyond all numbers": (
+        lambda: started(Growth(rate=100.0)).run(), ("cell 'a': volume at t =", "a smaller rate"),
+    ),
     "no state": (
         lambda: Simulation(scene()).die(["a"], over=10.0), ("die:", "Growth or Apoptosis"),
     ),

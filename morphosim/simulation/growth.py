@@ -23,10 +23,25 @@ def has_courses(cells: CellTable) -> bool:
 
 
 def fill(targets: Floats, cells: CellTable, time: float) -> None:
-    """Set those of the target volumes (N,) of all cells that follow a course."""
-    if has_courses(cells):
-        rows = np.flatnonzero(~np.isnan(cells["grown_from"]))
-        targets[rows] = volumes_at(cells, rows, time)
+    """Set those of the target volumes (N,) of all cells that follow a course.
+
+    Raises
+    ------
+    ValueError
+        A cell has grown beyond all numbers.
+    """
+    if not has_courses(cells):
+        return
+    rows = np.flatnonzero(~np.isnan(cells["grown_from"]))
+    with np.errstate(over="ignore"):
+        targets[rows] = found = volumes_at(cells, rows, time)
+    if not (found < _validate.LARGEST).all():
+        name = cells["name"][rows[int(np.argmax(found))]]
+        message = (
+            f"cell {name!r}: volume at t = {time:g} is {found.max():.3g} µm³ by its growth; take a "
+            "smaller rate, a limit, or a rule by which it divides"
+        )
+        raise ValueError(message)
 
 
 def volumes_at(cells: CellTable, rows: Rows, time: float) -> Floats:

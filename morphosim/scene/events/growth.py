@@ -67,8 +67,8 @@ class Growth:
         _validate.choice("growth: law", self.law, LAWS)
         if (self.rate is None) == (self.doubling_time is None):
             message = (
-                f"growth: rate = {self.rate} and doubling_time = {self.doubling_time}; give one of "
-                "the two"
+                f"growth: rate = {_validate.brief(self.rate, 40)} and doubling_time = "
+                f"{_validate.brief(self.doubling_time, 40)}; give one of the two"
             )
             raise ValueError(message)
         if self.law == "linear" and self.rate is None:
