@@ -11,6 +11,7 @@ import pytest
 from morphosim import (
     Apoptosis,
     Cell,
+    CellCount,
     CellVanishedError,
     Column,
     Division,
@@ -514,6 +515,21 @@ def test_who_is_just_born_has_had_no_time_to_die() -> None:
     simulation.run(until=10)
     assert simulation.names == ["a.2", "a.3"]
     assert not simulation.column("dying").any()
+
+
+def test_a_tissue_that_would_not_fit_into_memory_is_refused_at_its_start() -> None:
+    life = replace(scene().stages[0], end=CellCount(10**8))
+    with pytest.raises(ValueError, match=r"the 100000000 cells to which a stage goes on, .* GB"):
+        Simulation(replace(scene(), stages=[life]))
+
+
+def test_a_stage_ends_with_a_number_of_cells() -> None:
+    rules = [Proliferation(when=lambda s: s.column("generation") < 9), Growth(rate=0.02)]
+    life = Stage(name="life", end=CellCount(4), rules=rules, rules_every=30.0)
+    simulation = Simulation(replace(scene(), stages=[life]))
+    simulation.run()
+    assert len(simulation.names) == 4
+    assert simulation.time == 32
 
 
 WRONG: dict[str, tuple[Any, tuple[str, ...]]] = {

@@ -66,10 +66,14 @@ def _course(simulation: Simulation) -> Iterator[tuple[str, str]]:
         lengths = f"as many as the tolerance takes, of {numerics.tick:g} to {longest:g} each"
     yield "steps", f"{lengths}, from t = {simulation.time:g} to {end:g}"
     for number, stage in enumerate(scene.stages, 1):
-        names = [type(event).__name__ for event in stage.events]
-        events = f"{', '.join(names)}; " if names else ""
+        events, rules = (
+            ", ".join(type(event).__name__ for event in group)
+            for group in (stage.events, stage.rules)
+        )
+        happens = f"{events}; " if events else ""
+        happens += f"every {stage.rules_every:g} {rules}; " if rules else ""
         limit = "" if stage.limit is None else f", or after {stage.limit:g}"
-        yield f"stage {number}", f"{stage.name}: {events}until {_end(stage.end)}{limit}"
+        yield f"stage {number}", f"{stage.name}: {happens}until {_end(stage.end)}{limit}"
     yield from _output(simulation, end, ticks, most)
 
 
@@ -81,9 +85,17 @@ def _output(simulation: Simulation, end: float, ticks: int, most: str) -> Iterat
     save, state = _sizes(simulation)
     interval = max(scene.save_every, scene.numerics.tick)
     yield "saves", f"{most or 'about '}{count}, every {interval:g}"
-    yield "disk", f"about {_size(count * save + 2 * state)} ({_size(save)} a save)"
-    memory = simulation.engine.nbytes
-    yield "memory", f"{_size(memory)} at the start, besides Python and its libraries"
+    memory, now, most = simulation.engine.nbytes, len(simulation.names), scene.most_cells
+    if most <= now:
+        yield "disk", f"about {_size(count * save + 2 * state)} ({_size(save)} a save)"
+        yield "memory", f"{_size(memory)} at the start, besides Python and its libraries"
+        return
+    more = most / now
+    disk = f"{_size(save)} a save at the start, {_size(more * save)} at {most} cells"
+    yield "disk", f"at most {_size(more * (count * save + 2 * state))} ({disk})"
+    own = (simulation.engine.pool.nbytes + simulation.engine.everyone.nbytes) / now
+    later = f"about {_size(memory + own * (most - now))} at {most} cells"
+    yield "memory", f"{_size(memory)} at the start, {later}, besides Python and its libraries"
 
 
 def _end(end: object) -> str:

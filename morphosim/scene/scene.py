@@ -14,7 +14,7 @@ from morphosim.geometry.shapes import Field, PowerCell
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import Cell, tensions
-from morphosim.scene.ends import Duration
+from morphosim.scene.ends import CellCount, Duration
 from morphosim.scene.rehearsal import Rehearsal, rehearse
 from morphosim.scene.stages import Stage
 
@@ -182,6 +182,12 @@ class Scene:
         """Whether there may ever be more than one cell, as far as events tell."""
         divides = any(stage.divides for stage in self.stages)
         return len(self.cells) > 1 or divides or len(self.possible_names) > 1
+
+    @property
+    def most_cells(self) -> int:
+        """Number of cells that it starts with, or to which a stage is said to go on."""
+        ends = [stage.end.cells for stage in self.stages if isinstance(stage.end, CellCount)]
+        return max([len(self.cells), *ends])
 
     @property
     def possible_names(self) -> list[str]:

@@ -20,7 +20,10 @@ def lattice_points(scene: Scene) -> list[float]:
 
 
 def check_size(scene: Scene) -> None:
-    """Raise ValueError if the cells do not fit into memory."""
-    count = len(scene.cells)
+    """Raise ValueError if the cells do not fit into memory, or those to which they shall grow."""
+    count, points, most = len(scene.cells), lattice_points(scene), scene.most_cells
     what = f"cell {scene.names[0]!r} takes" if count == 1 else f"the {count} cells take"
-    check_memory(what, lattice_points(scene), scene.numerics.spacing)
+    check_memory(what, points, scene.numerics.spacing)
+    if most > count:
+        what = f"the {most} cells to which a stage goes on, as large as those of the start, take"
+        check_memory(what, points + [sum(points) / count] * (most - count), scene.numerics.spacing)
