@@ -10,7 +10,11 @@ from morphosim.cli.app import Overwrite, command, note, progress
 
 Run = Annotated[Path, typer.Argument(help="directory or packed file of a run")]
 By = Annotated[
-    str, typer.Option(help="what colours tell: cell, type, volume (its error), stage or lineage")
+    str,
+    typer.Option(
+        help="what colours tell: cell, type, volume (its error), stage or lineage, or a number "
+        "of each cell such as pressure, age or sphericity"
+    ),
 ]
 Shell = Annotated[bool, typer.Option(help="draw the shell, or the edges of the box")]
 Mirror = Annotated[

@@ -85,16 +85,16 @@ def _output(simulation: Simulation, end: float, ticks: int, most: str) -> Iterat
     save, state = _sizes(simulation)
     interval = max(scene.save_every, scene.numerics.tick)
     yield "saves", f"{most or 'about '}{count}, every {interval:g}"
-    memory, now, most = simulation.engine.nbytes, len(simulation.names), scene.most_cells
-    if most <= now:
+    memory, now, then = simulation.engine.nbytes, len(simulation.names), scene.most_cells
+    if then <= now:
         yield "disk", f"about {_size(count * save + 2 * state)} ({_size(save)} a save)"
         yield "memory", f"{_size(memory)} at the start, besides Python and its libraries"
         return
-    more = most / now
-    disk = f"{_size(save)} a save at the start, {_size(more * save)} at {most} cells"
+    more = then / now
+    disk = f"{_size(save)} a save at the start, {_size(more * save)} at {then} cells"
     yield "disk", f"at most {_size(more * (count * save + 2 * state))} ({disk})"
     own = (simulation.engine.pool.nbytes + simulation.engine.everyone.nbytes) / now
-    later = f"about {_size(memory + own * (most - now))} at {most} cells"
+    later = f"about {_size(memory + own * (then - now))} at {then} cells"
     yield "memory", f"{_size(memory)} at the start, {later}, besides Python and its libraries"
 
 

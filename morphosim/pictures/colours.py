@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 BY = ("cell", "type", "volume", "stage", "lineage")
 EMBRYO = ("AB", "MS", "E", "C", "D", "P", "EMS")
 """Founders of C. elegans, which have the same colours in every run."""
+UNITS = {"um": "µm", "um2": "µm²", "um3": "µm³"}
 MOST_IN_LEGEND = {"cell": 9, "type": 40, "stage": 9, "lineage": 40}
 """Of more groups there is no legend, of more stages a colour bar. Names of cells stand on them."""
 SHADES = 96
@@ -65,7 +66,7 @@ class Colouring:
     Attributes
     ----------
     by : str
-        One of `BY`.
+        One of `BY`, or of `measures`.
     title : str
         Of the legend or colour bar.
     colours : RGB of each cell that is there, by name, in the order of `run.cell`
@@ -93,11 +94,12 @@ def cell_colours(
     run : Dataset of `open_run`
     time : float, optional
         The last save by default.
-    by : {"cell", "type", "volume", "stage", "lineage"}
+    by : {"cell", "type", "volume", "stage", "lineage"}, or a variable
         "cell": cells that touch differ. "type": of the cell at that time. "volume": error in %
         of the target volume. "stage": of the protocol, in which the cell was first seen.
         "lineage": the founder that a C. elegans cell stems from by its name; in a run with other
-        names, the cell without a mother that it stems from.
+        names, the cell without a mother that it stems from. Or the name of a number that each cell
+        has at each time, such as "pressure", "age", "generation" or "sphericity".
     colours : optional
         Colour ("#d55e00", or red, green and blue from 0 to 1) of some cells, types, stages or
         founders by name, whichever `by` says. It may hold names of other runs as well.
@@ -123,9 +125,9 @@ def colours_of_saves(
 
     For the parameters and errors see `cell_colours`.
     """
-    _validate.choice("by", by, BY)
-    if by == "volume":
-        return _by_volume(run, saves, colours)
+    _validate.choice("by", by, dict.fromkeys((*BY, *measures(run))))
+    if by not in TITLES:
+        return (_by_volume if by == "volume" else _by_measure)(run, saves, by, colours)
     make = {"cell": _of_cells, "type": _of_types, "stage": _of_stages, "lineage": _of_founders}
     of_cells, palette = make[by](run)
     _recolour(palette, colours or {}, by)
@@ -203,13 +205,59 @@ def _always(run: "xr.Dataset", groups: Sequence[str]) -> NDArray[np.str_]:
     return np.broadcast_to(np.array(groups, str), (save_count(run), len(groups)))
 
 
+def measures(run: "xr.Dataset") -> list[str]:
+    """Names of the numbers that each cell of a run has at each time."""
+    return [
+        str(name) for name, values in run.data_vars.items()
+        if values.dims == ("time", "cell") and values.dtype.kind in "fiu"
+    ]  # fmt: skip
+
+
+def _by_measure(
+    run: "xr.Dataset", saves: Sequence[int], by: str, colours: Mapping[str, object] | None
+) -> list[Colouring]:
+    """Values of a variable on the scale of all saves; grey where there is none."""
+    _refuse_colours(by, colours)
+    values, units = run[by].values.astype(float), run[by].attrs.get("units", "1")
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    if low == high:
+        low, high = low - 0.5, high + 0.5
+    marks = np.linspace(low, high, 5).tolist()
+    ticks = [(mark, f"{mark:.3g}".replace("-", "−")) for mark in marks]
+    scale = Scale(low, high, SEQUENTIAL, ticks)
+    title = by.replace("_", " ") + (f", {UNITS.get(units, units)}" if units != "1" else "")
+    return _on_scale(run, saves, by, title, scale, values)
+
+
+def _refuse_colours(by: str, colours: Mapping[str, object] | None) -> None:
+    if colours is not None:
+        message = f"colours has no effect where by = {by!r}: values are on a scale"
+        raise ValueError(message)
+
+
+def _on_scale(
+    run: "xr.Dataset", saves: Sequence[int], by: str, title: str, scale: Scale,
+    values: NDArray[np.float64],
+) -> list[Colouring]:  # fmt: skip
+    """Colours of values (saves, cells) on a scale; grey where there is none."""
+    names, places = _names(run), (values - scale.low) / (scale.high - scale.low)
+    made = []
+    for save in saves:
+        place = dict(zip(names, np.clip(places[save], 0, 1).tolist(), strict=True))
+        colours = {
+            name: interpolated(scale.stops, place[name]) if np.isfinite(place[name]) else GREY
+            for name in living(run, save)
+        }
+        made.append(Colouring(by, title, colours, scale=scale))
+    return made
+
+
 def _by_volume(
-    run: "xr.Dataset", saves: Sequence[int], colours: Mapping[str, object] | None
+    run: "xr.Dataset", saves: Sequence[int], by: str, colours: Mapping[str, object] | None
 ) -> list[Colouring]:
     """Relative error of the volumes, in %; grey where there is no target."""
-    if colours is not None:
-        message = "colours has no effect where by = 'volume': errors are on a scale"
-        raise ValueError(message)
+    _refuse_colours(by, colours)
     target = variable(run, "target_volume", "time", "cell").values
     errors = 100 * (variable(run, "volume", "time", "cell").values / target - 1)
     common = np.nanpercentile(np.abs(errors), COMMON) if np.isfinite(errors).any() else 0.0
@@ -217,17 +265,7 @@ def _by_volume(
     marks = (-high, -high / 2, 0.0, high / 2, high)
     ticks = [(mark, f"{mark:+g}".replace("-", "−") if mark else "0") for mark in marks]
     scale = Scale(-high, high, DIVERGING, ticks)
-    names, places = _names(run), np.clip((errors / high + 1) / 2, 0, 1)
-    made = []
-    for save in saves:
-        place, there = dict(zip(names, places[save].tolist(), strict=True)), living(run, save)
-        colour = {name: _on_scale(place[name]) for name in there}
-        made.append(Colouring("volume", "volume error, %", colour, scale=scale))
-    return made
-
-
-def _on_scale(place: float) -> RGB:
-    return interpolated(DIVERGING, place) if np.isfinite(place) else GREY
+    return _on_scale(run, saves, by, "volume error, %", scale, errors)
 
 
 def _round_up(value: float) -> float:

@@ -57,7 +57,7 @@ def plot(
     run : Dataset of `open_run`
     time : float, optional
         The last save by default.
-    by : {"cell", "type", "volume", "stage", "lineage"}
+    by : {"cell", "type", "volume", "stage", "lineage"}, or a variable such as "pressure"
         What colours tell, see `cell_colours`.
     views : "three", a view, or several
         "three": along z, x and y, placed as in a technical drawing. A view is "x", "y", "z",

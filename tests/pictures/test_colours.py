@@ -5,7 +5,7 @@ import pytest
 
 from morphosim.pictures.colours import cell_colours
 from morphosim.pictures.lineages import founders
-from morphosim.pictures.palettes import GREY, rgb
+from morphosim.pictures.palettes import GREY, interpolated, rgb
 
 from .made import PAIR, Ball, all_touch, crowd, made_run
 
@@ -55,6 +55,23 @@ def test_cells_without_a_target_are_grey() -> None:
     run = made_run([{"a": Ball(AT, error=-4), "b": Ball(AT)}])
     run["target_volume"].loc[{"cell": "a"}] = np.nan
     assert cell_colours(run, by="volume").colours["a"] == GREY
+
+
+def test_numbers_of_cells_are_on_the_scale_of_all_saves() -> None:
+    run = made_run([{"a": Ball(AT)}, {"a": Ball(AT), "b": Ball(AT), "c": Ball(AT)}])
+    values = [[1.0, np.nan, np.nan], [3.0, 5.0, np.nan]]
+    run["sphericity"] = (("time", "cell"), np.array(values), {"units": "um2"})
+    first, last = cell_colours(run, 0, "sphericity"), cell_colours(run, 10, "sphericity")
+    assert first.title == "sphericity, µm²"
+    assert first.scale == last.scale
+    assert first.scale is not None
+    assert (first.scale.low, first.scale.high) == (1, 5)
+    assert [text for _, text in first.scale.ticks] == ["1", "2", "3", "4", "5"]
+    stops = first.scale.stops
+    assert first.colours == {"a": interpolated(stops, 0)}
+    assert last.colours == {"a": interpolated(stops, 0.5), "b": interpolated(stops, 1), "c": GREY}
+    run["sphericity"][:] = 2.0
+    assert cell_colours(run, 10, "sphericity").scale is not None, "all alike"
 
 
 def test_stages_are_those_in_which_cells_appear() -> None:
