@@ -26,10 +26,12 @@ from morphosim import (
     Simulation,
     Sphere,
     Stage,
+    built_in_scene,
     load_scene,
     open_run,
     save_scene,
 )
+from morphosim.cli.plan import plan_text
 from morphosim.kernels.noise import normal_vectors
 from morphosim.scene.events.living import spread_out, uniform
 
@@ -521,6 +523,13 @@ def test_a_tissue_that_would_not_fit_into_memory_is_refused_at_its_start() -> No
     life = replace(scene().stages[0], end=CellCount(10**8))
     with pytest.raises(ValueError, match=r"the 100000000 cells to which a stage goes on, .* GB"):
         Simulation(replace(scene(), stages=[life]))
+
+
+def test_what_would_run_is_told_with_the_cells_to_come() -> None:
+    told = plan_text(Simulation(built_in_scene("spheroid", {"numerics.threads": 1})))
+    assert "growth: every 40 Proliferation, Growth; until CellCount (cells 100)" in told
+    assert "a save at the start" in told
+    assert "MB at 100 cells, besides Python" in told
 
 
 def test_a_stage_ends_with_a_number_of_cells() -> None:
