@@ -109,6 +109,14 @@ def test_linear_growth_stops_at_its_limit() -> None:
     assert beyond.targets[0] == pytest.approx(BALL, rel=1e-12)
 
 
+def test_daughters_have_the_limit_of_their_mother() -> None:
+    rules = [Proliferation(when=once), Growth(rate=0.02, limit=400.0)]
+    for order in (rules, rules[::-1]):
+        simulation = Simulation(scene(*order))
+        simulation.run(until=50)
+        np.testing.assert_allclose(simulation.targets, [400, 400], rtol=1e-12)
+
+
 def test_pressure_slows_growth_as_the_volume_constraint_feels_it() -> None:
     """Of the rate r, 1 - p / p_max is left; p is the constraint's pressure over M'."""
     squeezed = cell(volume=1.2 * BALL)
@@ -592,6 +600,14 @@ WRONG: dict[str, tuple[Any, tuple[str, ...]]] = {
     ),
     "who dies": (
         lambda: started(Growth(rate=1e-3)).die(["b"], over=10.0), ("cell = 'b' is not known",),
+    ),
+    "dying mother": (
+        lambda: started(Apoptosis(when=first)).divide("a", ("b", "c"), axis=(1, 0, 0)),
+        ("cell 'a' is dying; it cannot divide",),
+    ),
+    "axes of others": (
+        lambda: started(Proliferation(age=1e3)).divide_cells(["a"], axes=np.eye(3)),
+        ("divide_cells: axes", "expected 1 axes, not 3"),
     ),
     "flags": (
         lambda: started(Apoptosis(when=lambda s: [1.0])), ("apoptosis: when gave [1.0]", "1 times"),

@@ -89,13 +89,18 @@ class Divisions(Changes):
         Raises
         ------
         ValueError
-            See `divide`; or two of the cells, or of the daughters, are the same.
+            See `divide`; or two of the cells, or of the daughters, are the same; or a cell dies.
         """
         names = listed(cells)
         _validate.unique("cell that divides", names)
         rows = np.array([self._row(name) for name in names], np.int64)
         if not names:
             return
+        self._check_live(rows)
+        for what, values in (("daughters", daughters), ("axes", axes), ("types", types),
+                             ("volumes", volumes)):  # fmt: skip
+            if values is not None:
+                _validate.several(f"divide_cells: {what}", values, what, len(names))
         pairs = self._pairs(names, daughters)
         shares = np.broadcast_to(np.asarray(fractions), (len(names),)).tolist()
         kinds, targets = self._heirs(rows, pairs, shares, types, volumes)
@@ -109,6 +114,13 @@ class Divisions(Changes):
         first = f"{names[0]} into {pairs[0][0]} and {pairs[0][1]}"
         self._tell("division of " + (first if len(names) == 1 else several(names)))
         self._stay_stable()
+
+    def _check_live(self, rows: Rows) -> None:
+        """Raise ValueError if one of the cells is dying."""
+        table = self.engine.everyone
+        if "dying" in table and (dying := rows[table["dying"][rows]]).size:
+            message = f"cell {table['name'][dying[0]]!r} is dying; it cannot divide"
+            raise ValueError(message)
 
     def _pairs(
         self, names: Sequence[str], daughters: Sequence[tuple[str, str]] | None

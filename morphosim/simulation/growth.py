@@ -100,6 +100,8 @@ def change(
     wanted = np.where(targets < limit, rates, 0.0)[rows]
     same = (cells[growing][rows] == wanted) & (cells[other][rows] == 0)
     same &= ~np.isnan(cells["grown_from"][rows])
+    ends = (wanted > 0) & np.isfinite(limit)  # which daughters that go on so do not know of
+    same &= np.isfinite(cells["grown_until"][rows]) == ends
     at_limit = time >= cells["grown_until"][rows]  # and stays there, to the last bit
     chosen = rows[~(same | at_limit)]
     fresh = wanted[~(same | at_limit)]
