@@ -28,11 +28,13 @@ from morphosim import (
     Stage,
     built_in_scene,
     load_scene,
+    measured,
     open_run,
     save_scene,
 )
 from morphosim.cli.plan import plan_text
 from morphosim.kernels.noise import normal_vectors
+from morphosim.runs.measured_state import MeasuredState
 from morphosim.scene.events.living import spread_out, uniform
 
 RADIUS = 5.0
@@ -461,6 +463,15 @@ def test_rules_of_ones_own_have_columns() -> None:
     assert simulation.column("dying").all()
 
 
+def test_variables_of_ones_own_may_be_of_the_state_of_a_rule(own_variables: None) -> None:
+    @measured(dims=("time", "cell"), units="1", text="looks", column="looks")
+    def looked_at(state: Any) -> Any:
+        return state.simulation.column("looks")
+
+    assert MeasuredState(started(Tired())).table["looked_at"].tolist() == [1]
+    assert "looked_at" not in MeasuredState(started(Apoptosis(age=1e3))).table
+
+
 @dataclass(frozen=True, kw_only=True)
 class Named:
     """An event of one's own that names cells, and is rehearsed."""
@@ -531,6 +542,21 @@ def test_a_tissue_that_would_not_fit_into_memory_is_refused_at_its_start() -> No
     life = replace(scene().stages[0], end=CellCount(10**8))
     with pytest.raises(ValueError, match=r"the 100000000 cells to which a stage goes on, .* GB"):
         Simulation(replace(scene(), stages=[life]))
+
+
+def test_cells_of_a_sheet_have_six_neighbours_on_average() -> None:
+    """As in any tiling of the plane by cells that meet in threes (Euler); fewer at the rim."""
+    chosen = {"stages.0.end.cells": 64, "numerics.threads": 1}
+    simulation = Simulation(built_in_scene("epithelium", chosen))
+    simulation.run()
+    places = simulation.centroids
+    assert np.abs(places[:, 2]).max() < 0.1, "one layer"
+    radius = np.linalg.norm(places[:, :2] - places[:, :2].mean(axis=0), axis=1)
+    counts = np.bincount(simulation.measured().contacts.ravel(), minlength=len(radius))
+    inner = radius < 0.7 * radius.max()
+    assert inner.sum() > 25
+    assert counts[inner].mean() == pytest.approx(6, abs=0.35)
+    assert counts[~inner].mean() < 5.5
 
 
 def test_what_would_run_is_told_with_the_cells_to_come() -> None:
