@@ -100,9 +100,10 @@ class LinearisedSolver:
 
     def restore(self, contents: Mapping[str, NDArray]) -> None:
         """See `Solver`."""
-        steps = np.asarray(contents["stepping"]).tolist()
-        self.before, self.laid, planned, missed, self._taken = steps
-        self._crowding = float(contents["crowding"][0])
+        self.before, self.laid, planned, missed, *taken = np.asarray(contents["stepping"]).tolist()
+        self._taken, self._crowding = 0, 0.0  # with which the next step looks
+        if taken:  # not in states of earlier versions
+            (self._taken,), self._crowding = taken, float(contents["crowding"][0])
         if self._control is not None:
             self._control.planned, self._control.missed = planned, missed
 
