@@ -64,11 +64,13 @@ class Verdict(NamedTuple):
     Attributes
     ----------
     error : (n,) error in the velocity of each cell's interface, µm per unit of time
+    missed : (n,) how far each interface is from its extrapolation, µm
     speed, acceleration : (n,) of each cell's interface
     allowed : (n,) error allowed
     """
 
     error: Floats
+    missed: Floats
     speed: Floats
     acceleration: Floats
     allowed: Floats
@@ -99,13 +101,7 @@ def make_whole(changes: Floats, steepness: float, targets: Floats) -> None:
     changes[:, SLOPE] = np.fmax(changes[:, SLOPE], WHOLE * steepness * ball)
 
 
-def moves(changes: Floats, step: float) -> tuple[Floats, Floats]:
-    """How far each interface is from its extrapolation after a step, µm, and how fast it moves."""
-    slope = np.maximum(changes[:, SLOPE], np.finfo(float).tiny)
-    return np.sqrt(changes[:, MISSED] / slope), np.sqrt(changes[:, MOVED] / slope) / step
-
-
-def swept(changes: Floats, step: float, damped: float, speeds: Floats) -> Floats:
+def swept(missed: Floats, step: float, damped: float, speeds: Floats) -> Floats:
     """What the stabilisation of a step makes of what neighbours do that sweep along a cell, µm.
 
     Where cells come to rest, such errors heal, and what is left is the lag of the cell's place
@@ -114,12 +110,11 @@ def swept(changes: Floats, step: float, damped: float, speeds: Floats) -> Floats
 
     Parameters
     ----------
-    changes : (n, N_CHANGES) see `kernels.linearised`
+    missed : (n,) see `Verdict`
     step : float
     damped : s k² / τ
     speeds : (n,) of the cells' centroids, µm per unit of time
     """
-    missed, _ = moves(changes, step)
     return np.asarray(3**0.5 * damped * missed * step * np.minimum(speeds / SWEEP, 1) ** 1.5)
 
 
@@ -182,7 +177,9 @@ class StepControl:
         rows : (n,) the cells that are stepped
         """
         step, last = ticks * self._tick, before * self._tick
-        missed, speed = moves(changes[rows], step)
+        slope = np.maximum(changes[rows, SLOPE], np.finfo(float).tiny)
+        missed = np.sqrt(changes[rows, MISSED] / slope)
+        speed = np.sqrt(changes[rows, MOVED] / slope) / step
         acceleration = 2 * missed / (step * (step + last))
         known = cells["acceleration"][rows]
         jerk = np.abs(acceleration - np.where(np.isnan(known), acceleration, known)) / step
@@ -190,7 +187,7 @@ class StepControl:
         fresh = cells["fresh"][rows]
         error[fresh], acceleration[fresh] = 0.0, np.nan
         allowed = self._allowed * np.maximum(max(1.0, STRIDE / step), speed / SLOW)
-        return Verdict(error, speed, acceleration, allowed)
+        return Verdict(error, missed, speed, acceleration, allowed)
 
     def reach(self, verdict: Verdict, ticks: int) -> float:
         """Farthest that any interface moves in the step, in lattice spacings."""

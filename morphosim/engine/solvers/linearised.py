@@ -145,7 +145,7 @@ class LinearisedSolver:
     def _settle(self, state: StepState, control: StepControl, most_of_all: MostOfAll) -> int | None:
         """Length to try instead of the step that was tried; None, and a plan, if it is taken."""
         cells, rows, ticks = state.pool.cells, state.schedule.order, state.ticks
-        damped = self._damped(ticks)
+        damped = self._spread(ticks) * SHIFT * self._c / self._tau
         verdict = control.judge(self._changes, ticks, self.before, damped, cells, rows)
         bad = np.inf if self._surveys[rows, BAD].any() else 0.0
         worst = np.array([max(verdict.excess, bad), control.reach(verdict, ticks)])
@@ -157,16 +157,15 @@ class LinearisedSolver:
             control.plan(ticks, excess, reach)
             cells["acceleration"][rows] = verdict.acceleration
             cells["step_error"][rows] = verdict.shares
+            if not self._random:  # noise itself is what is missed there
+                speeds = np.linalg.norm(cells["error_speed"][rows, :3], axis=1)
+                lost = swept(verdict.missed, ticks * self._numerics.tick, damped, speeds)
+                cells["swept"][rows] += np.where(cells["fresh"][rows], 0.0, lost)
         return shorter
 
     def _take(self, state: StepState, planned: int) -> None:
         """Take the step that was tried, and lay φ* for one of `planned` ticks."""
         pool, schedule = state.pool, state.schedule
-        if self._control is not None and not self._random:  # noise itself is what is missed there
-            rows, length = schedule.order, state.ticks * self._numerics.tick
-            speeds = np.linalg.norm(pool.cells["error_speed"][rows, :3], axis=1)
-            lost = swept(self._changes[rows], length, self._damped(state.ticks), speeds)
-            pool.cells["swept"][rows] += np.where(pool.cells["fresh"][rows], 0.0, lost)
         take_steps(
             schedule.bounds, schedule.order, self._target(pool), pool.phi, pool.acting,
             self._dtype.type(planned / state.ticks), pool.boxes, self._rows, self._surveys,
@@ -198,11 +197,12 @@ class LinearisedSolver:
         growth = ticks / self.before
         later = rate * (1 + 2 * growth) / (1 + growth)
         fresh = state.terms.fresh
-        counts, weights = self._weights(fresh, rate, later, strongest, state.ticks)
+        spread = self._spread(ticks)
+        counts, weights = self._weights(fresh, rate, later, strongest, spread)
         linear = Linearisation(
             lhs=np.where(fresh, rate, later).astype(self._dtype),
             rate=real(rate),
-            spread=real(self._spread(ticks)),
+            spread=real(spread),
             stiffness=state.stiffness * self._numerics.spacing**3,
         )
         terms = state.terms._replace(n_iterations=counts, weights=weights)
@@ -219,16 +219,12 @@ class LinearisedSolver:
         length = ticks * self._numerics.tick
         return diffusion(self._numerics, self._c, self._tau, self._rate, length, self._stiffest)
 
-    def _damped(self, ticks: int) -> float:
-        """Rate s k² / τ at which the stabilisation makes velocity of what is missed."""
-        return self._spread(ticks) * SHIFT * self._c / self._tau
-
     def _weights(
-        self, fresh: NDArray[np.bool_], rate: float, later: float, strongest: float, ticks: int
+        self, fresh: NDArray[np.bool_], rate: float, later: float, strongest: float, spread: float
     ) -> tuple[NDArray, NDArray]:
         """Numbers and weights of the iterations of each cell."""
         damping = WELL * self._stiffest * self._c + strongest
-        stiffness = self._stiffest + self._spread(ticks)
+        stiffness = self._stiffest + spread
         key = fresh.tobytes(), rate, later, stiffness, damping
         if key not in self._iterations:
             numerics = self._numerics
