@@ -1,13 +1,16 @@
 """Boxes: what a step leaves behind in them, and moving them by whole lattice steps."""
 
 import numpy as np
+from numba import prange
 
-from morphosim.kernels._jit import inline_kernel, kernel
+from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import clear_row, copy_row
 
 TOTAL, BAND, CORE, BAD, FACE, EDGE, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6
 """What a survey finds: Σ φ, points with |φ| > tolerance, points with φ > 1/2, points beyond the
 limit or not finite, and the largest |φ| on the faces of the box and on the edge of its band."""
+GUARD = 1
+"""Rows of the band beyond those where |φ| exceeds the tolerance."""
 
 
 @inline_kernel()
@@ -126,9 +129,40 @@ def clear_outside(values, first, rows, nx, ny, nz):
 
 
 @kernel()
+def find_band(i, phi, history, boxes, on_band, limits, surveys):
+    """Measure cell i's stored field and find its band anew; return Σ φ that this cuts off.
+
+    Parameters
+    ----------
+    phi, history : 1-D pools of fields; the latter may be None
+    on_band : bool, whether fields are 0 outside of the band
+    surveys : (N, N_SURVEYED), row i is overwritten
+    """
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    first, planes = boxes.start[i], boxes.plane_start[i]
+    band = boxes.band[planes : planes + nx]
+    survey(phi, first, ny * nz, nz, nx, ny, nz, band, True, limits, band, surveys[i])
+    widen(band, GUARD, nx, ny)
+    if not on_band:
+        return 0.0
+    if history is not None:
+        clear_outside(history, first, band, nx, ny, nz)
+    cut = clear_outside(phi, first, band, nx, ny, nz)
+    survey(phi, first, ny * nz, nz, nx, ny, nz, band, False, limits, band.copy(), surveys[i])
+    return cut
+
+
+@parallel_kernel()
+def find_bands(cells, phi, history, boxes, on_band, limits, surveys, lost):
+    """Do what `find_band` does for several cells; `lost` (N,) is updated with what it returns."""
+    for k in prange(cells.shape[0]):
+        lost[cells[k]] += find_band(cells[k], phi, history, boxes, on_band, limits, surveys)
+
+
+@parallel_kernel()
 def extents(cells, phi, boxes, tolerance, out):
     """Bounding box of |φ| > tolerance of each cell, out (len(cells), 3, 2): [low, high)."""
-    for k in range(cells.shape[0]):
+    for k in prange(cells.shape[0]):
         i = cells[k]
         nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
         for axis in range(3):
@@ -185,3 +219,41 @@ def move_box(source, source_start, old_shape, target, target_start, new_shape, s
             else:
                 lost += row_total(source, row, old_shape[2])
     return lost
+
+
+@kernel()
+def box_total(i, values, boxes):
+    """Σ over the box of cell i."""
+    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
+    total = 0.0
+    for row in range(boxes.shape[i, 0] * ny):
+        total += row_total(values, np.uint64(boxes.start[i] + row * nz), nz)
+    return total
+
+
+@parallel_kernel()
+def move_boxes(
+    cells, starts, shapes, shifts, phi, history, boxes, on_band, limits, surveys, lost, totals
+):  # fmt: skip
+    """Copy fields from where boxes were to where they are now, and find their bands.
+
+    Parameters
+    ----------
+    cells : (n,) whose boxes have moved
+    starts, shapes, shifts : (n,), (n, 3), (n, 3) first index and shape of the old boxes, which no
+        new one overlaps in the pools, and new origins minus old ones
+    phi, history : 1-D pools of fields; the latter may be None
+    boxes : Boxes, of now
+    on_band, limits, surveys : see `find_band`
+    lost : (N,) updated with Σ φ that this cuts off
+    totals : (N,) overwritten with Σ of the histories of these cells, or None
+    """
+    for k in prange(cells.shape[0]):
+        i = cells[k]
+        where = boxes.start[i], boxes.shape[i], shifts[k]
+        outside = move_box(phi, starts[k], shapes[k], phi, *where)
+        if history is not None:
+            move_box(history, starts[k], shapes[k], history, *where)
+        lost[i] += outside + find_band(i, phi, history, boxes, on_band, limits, surveys)
+        if totals is not None:
+            totals[i] = box_total(i, history, boxes)

@@ -20,7 +20,7 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel, times
-from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
+from morphosim.kernels.boxes import BAD, GUARD, TOTAL, row_total, survey, widen
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import force, gradient
 from morphosim.kernels.frames import (
@@ -34,7 +34,6 @@ from morphosim.kernels.frames import (
     strides,
 )
 from morphosim.kernels.stencils import weighted_neighbours
-from morphosim.kernels.step import GUARD
 
 PHI, PSI, RHS, LAST, U, DAMPING = 0, 1, 2, 3, 4, 5
 """A thread's frames. When ψ has been read, its frame serves the iterations."""

@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import choose, kernel, parallel_kernel
-from morphosim.kernels.boxes import BAD, TOTAL, row_total, survey, widen
+from morphosim.kernels.boxes import BAD, GUARD, TOTAL, row_total, survey, widen
 from morphosim.kernels.chebyshev import iterate
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
@@ -30,8 +30,6 @@ from morphosim.kernels.helmholtz import helmholtz_solve
 
 PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 6
 """A thread's frames; each holds that of the largest box."""
-GUARD = 1
-"""Rows of the band beyond those where |φ| exceeds the tolerance."""
 
 
 @kernel()

@@ -10,16 +10,14 @@ from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.boxes import (
     BAD,
     FACE,
+    GUARD,
     N_SURVEYED,
     TOTAL,
-    clear_outside,
     extents,
-    move_box,
-    survey,
-    widen,
+    find_bands,
+    move_boxes,
 )
 from morphosim.kernels.layout import Boxes, Limits
-from morphosim.kernels.step import GUARD
 
 SLACK = 4
 """A box is laid anew when it could be smaller by this many points along an axis."""
@@ -33,6 +31,8 @@ COLUMNS = (
     Column("ahead", inherits=False, optional=True),
 )
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
+AT_ONCE = 1024
+"""Boxes that move together: until all have, the pools hold the old and the new ones."""
 Integers = NDArray[np.int64]
 Real = NDArray[np.floating]
 
@@ -169,9 +169,9 @@ class BoxPool:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the pools."""
-        history = 0 if self.history is None else self.history.nbytes
-        return self.phi.nbytes + history + self.band.nbytes
+        """Bytes of the pools, as far as they have been in use."""
+        fields = self.phi.itemsize * (1 if self.history is None else 2)
+        return fields * self._slots.end + 2 * self.band.itemsize * self._planes.end
 
     def sizes(self) -> Integers:
         """Points per box."""
@@ -200,14 +200,13 @@ class BoxPool:
         self._take(rows)
         for i, (_, phi) in zip(rows.tolist(), laid, strict=True):
             self.box(i)[:] = phi
-            self.survey(i)
+        self.survey(rows)
         self.forget(rows.tolist())
         self.lost[rows] = given - self.surveys[rows, TOTAL]
 
-    def release(self, rows: Iterable[int]) -> None:
+    def release(self, rows: Integers) -> None:
         """Give back the boxes of cells that are about to be dropped from the table."""
-        for i in rows:
-            self._release(i)
+        self._give(self.start[rows], self.plane_start[rows], self.shape[rows])
 
     def forget(self, rows: Iterable[int]) -> None:
         """Begin the histories of cells anew."""
@@ -247,7 +246,7 @@ class BoxPool:
         places : (K,) their new rows
         origin, shape : (N, 3) boxes of all cells then
         """
-        self.release(np.setdiff1d(np.arange(len(self)), kept).tolist())
+        self.release(np.setdiff1d(np.arange(len(self)), kept))
         self.cells.arrange(kept, places, len(origin))
         self.origin[:], self.shape[:] = origin, shape
         new = np.setdiff1d(np.arange(len(origin)), places)
@@ -269,20 +268,12 @@ class BoxPool:
             first = int(self.plane_start[i])
             self.band[first : first + planes[k]] = contents["band"][last[k] - planes[k] : last[k]]
 
-    def survey(self, i: int) -> float:
-        """Measure cell i's stored field and find its band anew; return Σ φ that this cuts off."""
-        nx, ny, nz = (int(n) for n in self.shape[i])
-        band = self.band[self.plane_start[i] : self.plane_start[i] + nx]
-        where = self.phi, self.start[i], ny * nz, nz, nx, ny, nz
-        survey(*where, band, True, self.limits, band, self.surveys[i])
-        widen(band, GUARD, nx, ny)
-        if not self.band_only:
-            return 0.0
-        if self.history is not None:
-            clear_outside(self.history, self.start[i], band, nx, ny, nz)
-        cut = clear_outside(self.phi, self.start[i], band, nx, ny, nz)
-        survey(*where, band, False, self.limits, band.copy(), self.surveys[i])
-        return float(cut)
+    def survey(self, rows: Integers) -> None:
+        """Measure the stored fields of cells and find their bands anew; `lost` counts the cut."""
+        find_bands(
+            rows, self.phi, self.history, self.boxes, self.band_only, self.limits, self.surveys,
+            self.lost,
+        )  # fmt: skip
 
     def refit(self, cells: Integers) -> Integers:
         """Lay the boxes of these cells anew where the band needs it; return those that moved."""
@@ -294,8 +285,9 @@ class BoxPool:
         touching = self.surveys[cells, FACE] > self.limits.tolerance
         loose = (shape <= self.shape[cells] - SLACK).any(axis=1)
         moved = alive & (touching | loose)
-        for k in np.flatnonzero(moved):
-            self._move(int(cells[k]), low[k], shape[k])
+        for start in range(0, moved.sum(), AT_ONCE):
+            some = np.flatnonzero(moved)[start : start + AT_ONCE]
+            self._move(cells[some], low[some], shape[some])
         return np.asarray(cells[moved])
 
     def _trim(self, origin: Integers, phi: Real) -> tuple[Integers, Real]:
@@ -314,39 +306,32 @@ class BoxPool:
         target[goal] = phi[source]
         return np.asarray(origin + low, np.int64), target
 
-    def _move(self, i: int, shift: Integers, shape: Integers) -> None:
-        """Give cell i a box whose origin moves by `shift`; history moves with the field."""
-        old_shape, old_start = self.shape[i].copy(), int(self.start[i])
-        old_size, size = int(old_shape.prod()), int(shape.prod())
-        saved = [
-            pool[old_start : old_start + old_size].copy()
-            for pool in (self.phi, self.history) if pool is not None
-        ]  # fmt: skip
-        self._release(i)
-        self.start[i] = self._slots.take(size)
-        self.plane_start[i] = self._planes.take(int(shape[0]))
-        self.origin[i] += shift
-        self.shape[i] = shape
-        self._reserve()
-        pools = [pool for pool in (self.phi, self.history) if pool is not None]
-        lost = [
-            move_box(values, 0, old_shape, pool, self.start[i], shape, shift)
-            for values, pool in zip(saved, pools, strict=True)
-        ]
-        self.lost[i] += lost[0] + self.survey(i)
-        if self._extrapolates:
-            self.cells["ahead"][i] = self.box(i, self.history).sum(dtype=float)
+    def _move(self, rows: Integers, shifts: Integers, shapes: Integers) -> None:
+        """Give cells boxes whose origins move by `shifts`; history moves with the field."""
+        starts, old, planes = self.start[rows], self.shape[rows], self.plane_start[rows]
+        self.origin[rows] += shifts
+        self.shape[rows] = shapes
+        self._take(rows)
+        move_boxes(
+            rows, starts, old, shifts, self.phi, self.history, self.boxes, self.band_only,
+            self.limits, self.surveys, self.lost,
+            self.cells["ahead"] if self._extrapolates else None,
+        )  # fmt: skip
+        self._give(starts, planes, old)
 
     def _take(self, rows: Integers) -> None:
         """Give boxes of the shapes in the table their stretches of the pools."""
-        for i in rows.tolist():
-            self.start[i] = self._slots.take(int(self.shape[i].prod()))
-            self.plane_start[i] = self._planes.take(int(self.shape[i, 0]))
+        sizes = self.shape[rows].prod(axis=1)
+        self.start[rows] = [self._slots.take(size) for size in sizes.tolist()]
+        self.plane_start[rows] = [self._planes.take(n) for n in self.shape[rows, 0].tolist()]
         self._reserve()
 
-    def _release(self, i: int) -> None:
-        self._slots.give(int(self.start[i]), int(self.shape[i].prod()))
-        self._planes.give(int(self.plane_start[i]), int(self.shape[i, 0]))
+    def _give(self, starts: Integers, planes: Integers, shapes: Integers) -> None:
+        """Give back the stretches of boxes of these shapes."""
+        for start, size in zip(starts.tolist(), shapes.prod(axis=1).tolist(), strict=True):
+            self._slots.give(start, size)
+        for start, size in zip(planes.tolist(), shapes[:, 0].tolist(), strict=True):
+            self._planes.give(start, size)
 
     def _reserve(self) -> None:
         """Grow the pools to what the slots need, with room for a few boxes more."""
@@ -359,8 +344,11 @@ class BoxPool:
 
 
 def _grown(pool: NDArray, size: int) -> NDArray:
-    """Copy of a pool with room for `size`, and a tenth more if it was in use before."""
-    room = size if len(pool) == 0 else size + size // 10
+    """Copy of a pool with room for `size`, and half as much again if it was in use before.
+
+    What is never written to takes no memory.
+    """
+    room = size if len(pool) == 0 else size + size // 2
     result = np.zeros((room, *pool.shape[1:]), pool.dtype)
     result[: len(pool)] = pool
     return result

@@ -18,6 +18,8 @@ _OFFSET = 1 << (_BITS - 1)
 """Added to tile coordinates so that three of them pack into one non-negative int64 key."""
 _ABSENT = 1e-6
 """A tile where R of walls is below this everywhere has no walls."""
+_PLACES = 32
+"""Bits that hold the place of an entry of the cover."""
 MOST_AT_ONCE = 512
 """Tiles on which walls are evaluated together."""
 _LAST = np.iinfo(np.int64).max
@@ -185,7 +187,7 @@ class ColumnCover:
         top = bottom + (end - first)[owner, 2]
 
         # Those that overlap along z hang together.
-        order = np.argsort(bottom, kind="stable")
+        order = np.argsort(bottom)  # in whichever order those come that begin alike
         reached = np.maximum.accumulate(top[order])
         opens = np.concatenate([[True], bottom[order][1:] >= reached[:-1]])
         begin = bottom[order][opens]
@@ -269,9 +271,11 @@ class ColumnCover:
         `column` (K,) tells the column of each entry of the cover, -1 for none, and `owner` (K,)
         its cell.
         """
-        order = np.argsort(column, kind="stable")
-        order = order[np.searchsorted(column[order], 0) :]
-        cell_start = np.searchsorted(column[order], np.arange(len(start) + 1))
+        over = np.flatnonzero(column >= 0)
+        order = np.sort(column[over] << _PLACES | over) & ((1 << _PLACES) - 1)  # both, in one sort
+        cell_start = np.concatenate(
+            [[0], np.cumsum(np.bincount(column[over], minlength=len(start)))]
+        )
         load = np.concatenate([[0], np.cumsum(length * np.diff(cell_start))])
         share = np.linspace(0, load[-1], self._threads + 1)
         return ColumnLists(

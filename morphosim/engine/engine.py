@@ -298,7 +298,7 @@ class Engine(CellView):
     def remove(self, rows: ArrayLike) -> None:
         """Take cells out; the others keep their history."""
         gone = np.atleast_1d(np.asarray(rows, np.int64))
-        self.pool.release(gone.tolist())
+        self.pool.release(gone)
         self.cells.remove(gone)
         self.change()
 
@@ -318,7 +318,7 @@ class Engine(CellView):
         """
         mothers = np.atleast_1d(np.asarray(rows, np.int64))
         born = self.cells.born(mothers, values, types)
-        self.pool.release(mothers.tolist())
+        self.pool.release(mothers)
         self._lay_halves(self.cells.replace(mothers, born), halves)
 
     def _lay_halves(self, rows: NDArray[np.int64], halves: Sequence[CellField]) -> None:

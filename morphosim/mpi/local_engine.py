@@ -141,7 +141,7 @@ class LocalEngine(Engine):
     def drop(self, numbers: Integers) -> None:
         """Forget cells, by their numbers in the whole simulation; those behind them move up."""
         places = np.flatnonzero(np.isin(self.rows, numbers))
-        self.pool.release(places.tolist())
+        self.pool.release(places)
         self.cells.remove(places)
         self._close_up(places, numbers)
 
@@ -166,7 +166,7 @@ class LocalEngine(Engine):
         here, gone = np.repeat(own, 2), np.flatnonzero(np.isin(self.rows, numbers))
         mothers = np.searchsorted(self.rows, numbers[own])
         inherited = self.cells.born(mothers, {"name": born["name"][here]})
-        self.pool.release(gone.tolist())
+        self.pool.release(gone)
         rows = self.cells.replace(gone, inherited)
         for name, values in born.items():
             self.cells[name][rows] = values[here]

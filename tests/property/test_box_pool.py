@@ -94,7 +94,7 @@ class Pools(RuleBasedStateMachine):
     @rule(data=st.data())
     def remove(self, data: st.DataObject) -> None:
         i = data.draw(st.integers(0, len(self.cells) - 1))
-        self.pool.release([i])
+        self.pool.release(np.array([i]))
         self.pool.cells.remove(i)
         del self.cells[i]
 
@@ -113,7 +113,7 @@ class Pools(RuleBasedStateMachine):
         self.pool.box(i)[:] = phi
         self.pool.box(i, self.pool.history)[:] = 2 * phi
         given = phi.sum() + self.pool.lost[i]
-        self.pool.lost[i] += self.pool.survey(i)
+        self.pool.survey(np.array([i]))
         self.cells[i] = Expected(self.pool.origin[i].copy(), phi, given, 2)
 
     @precondition(lambda self: self.cells)
