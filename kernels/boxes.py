@@ -222,6 +222,21 @@ def move_box(source, source_start, old_shape, target, target_start, new_shape, s
 
 
 @kernel()
+def close_ranks(starts, goals, sizes, values):
+    """Copy stretches of a pool to where they begin from now on, none of them further up.
+
+    Parameters
+    ----------
+    starts, goals, sizes : (n,) first indices before and after, both ascending, and lengths
+    values : 1-D pool, updated
+    """
+    for k in range(starts.shape[0]):
+        if goals[k] < starts[k]:
+            for p in range(sizes[k]):
+                values[goals[k] + p] = values[starts[k] + p]
+
+
+@kernel()
 def box_total(i, values, boxes):
     """Σ over the box of cell i."""
     ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]

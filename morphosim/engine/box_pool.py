@@ -13,6 +13,7 @@ from morphosim.kernels.boxes import (
     GUARD,
     N_SURVEYED,
     TOTAL,
+    close_ranks,
     extents,
     find_bands,
     move_boxes,
@@ -33,15 +34,25 @@ COLUMNS = (
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
 AT_ONCE = 1024
 """Boxes that move together: until all have, the pools hold the old and the new ones."""
+MOST_FREE = 0.1
+"""Share of the pools that may lie idle between boxes, before all boxes close ranks."""
 Integers = NDArray[np.int64]
 Real = NDArray[np.floating]
 
 
 class Slots:
-    """Stretches of a pool: size classes with free lists, at most 1/8 larger than asked for."""
+    """Stretches of a pool: size classes with free lists, at most 1/8 larger than asked for.
+
+    Attributes
+    ----------
+    end : int
+        Where the last stretch ends.
+    free : int
+        Length of all that have been given back.
+    """
 
     def __init__(self) -> None:
-        self.end = 0
+        self.end = self.free = 0
         self._free: dict[int, list[int]] = {}
 
     @staticmethod
@@ -54,6 +65,7 @@ class Slots:
         """Start of a stretch that holds `size`."""
         capacity = self.capacity(size)
         if self._free.get(capacity):
+            self.free -= capacity
             return self._free[capacity].pop()
         start = self.end
         self.end += capacity
@@ -61,7 +73,9 @@ class Slots:
 
     def give(self, start: int, size: int) -> None:
         """Return the stretch taken for `size`."""
-        self._free.setdefault(self.capacity(size), []).append(start)
+        capacity = self.capacity(size)
+        self.free += capacity
+        self._free.setdefault(capacity, []).append(start)
 
 
 def even(shape: Integers) -> Integers:
@@ -288,6 +302,8 @@ class BoxPool:
         for start in range(0, moved.sum(), AT_ONCE):
             some = np.flatnonzero(moved)[start : start + AT_ONCE]
             self._move(cells[some], low[some], shape[some])
+        if self._slots.free > MOST_FREE * self._slots.end:
+            self._close_ranks()
         return np.asarray(cells[moved])
 
     def _trim(self, origin: Integers, phi: Real) -> tuple[Integers, Real]:
@@ -318,6 +334,17 @@ class BoxPool:
             self.cells["ahead"] if self._extrapolates else None,
         )  # fmt: skip
         self._give(starts, planes, old)
+
+    def _close_ranks(self) -> None:
+        """Leave no room between boxes in the pools."""
+        order = np.argsort(self.start)
+        starts, sizes = self.start[order], self.sizes()[order]
+        self._slots = Slots()
+        goals = np.array([self._slots.take(size) for size in sizes.tolist()], np.int64)
+        for pool in (self.phi, self.history):
+            if pool is not None:
+                close_ranks(starts, goals, sizes, pool)
+        self.start[order] = goals
 
     def _take(self, rows: Integers) -> None:
         """Give boxes of the shapes in the table their stretches of the pools."""

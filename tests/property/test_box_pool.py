@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from numpy.typing import NDArray
 
 from morphosim.cell_table import CellTable
-from morphosim.engine.box_pool import COLUMNS, BoxPool, Slots
+from morphosim.engine.box_pool import COLUMNS, MOST_FREE, BoxPool, Slots
 from morphosim.kernels.boxes import TOTAL
 from morphosim.kernels.layout import Limits
 
@@ -107,6 +107,8 @@ class Pools(RuleBasedStateMachine):
             self.change(i, blob(np.random.default_rng(seed), self.pool.shape[i]))
         moving = range(len(self.cells)) if all_move else sorted(chosen)
         self.pool.refit(np.array(moving))
+        idle = self.pool._slots.end - sum(map(Slots.capacity, self.pool.sizes().tolist()))
+        assert idle <= MOST_FREE * self.pool._slots.end
 
     def change(self, i: int, phi: NDArray[np.float64]) -> None:
         """Give a cell another field in its box; its history is twice the field."""
