@@ -13,6 +13,7 @@ from morphosim.runs.directory import RunDirectory
 from morphosim.runs.writer import RunWriter
 from morphosim.scene import stability
 from morphosim.scene.scene import Scene
+from morphosim.scene.size import point_bytes
 from morphosim.scene.tables import numerics_table, physics_in_file
 from morphosim.simulation.simulation import Simulation
 
@@ -93,7 +94,8 @@ def _output(simulation: Simulation, end: float, ticks: int, most: str) -> Iterat
     more = then / now
     disk = f"{_size(save)} a save at the start, {_size(more * save)} at {then} cells"
     yield "disk", f"at most {_size(more * (count * save + 2 * state))} ({disk})"
-    own = (simulation.engine.pool.nbytes + simulation.engine.everyone.nbytes) / now
+    points = float(simulation.engine.pool.sizes().mean())
+    own = points * point_bytes(scene.numerics) + simulation.engine.everyone.nbytes / now
     later = f"about {_size(memory + own * (then - now))} at {then} cells"
     yield "memory", f"{_size(memory)} at the start, {later}, besides Python and its libraries"
 

@@ -20,8 +20,8 @@ BALL_ERROR = 1e-4
 """Share of the volume by which a start field may be off."""
 FARTHEST = 2**31
 """Cells lie within this many lattice points of the origin."""
-KEPT_BYTES, START_BYTES = 8, 32
-"""Least memory that a lattice point takes: of all cells, and of the cell whose field is made."""
+START_BYTES = 32
+"""Least memory that a lattice point takes while the field of its cell is made."""
 
 
 def lattice_field(
@@ -56,7 +56,7 @@ def lattice_field(
     """
     volume = shape.volume if volume is None else volume
     first, last = lattice_corners(shape, name, scale, spacing, volume)
-    check_memory(f"cell {name!r} takes", [float((last - first + 1.0).prod())], spacing)
+    check_memory(f"cell {name!r} takes", 0, 0, float((last - first + 1.0).prod()), spacing)
     axes = [np.arange(a, b + 1) * spacing for a, b in zip(first, last, strict=True)]
     points = list(np.meshgrid(*axes, indexing="ij", sparse=True))
     if isinstance(shape, Field):
@@ -108,9 +108,12 @@ def least_volume(spacing: float) -> float:
 
 
 def lattice_corners(
-    shape: Shape | Field, name: str, scale: float, spacing: float, volume: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    shape: Shape | Field, name: str, scale: float, spacing: float, volume: float,
+    least: float = NEGLIGIBLE,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:  # fmt: skip
     """First and last lattice point, (3,) each, of the box that a start field of a volume takes.
+
+    Of a shape, the box holds where φ exceeds `least`.
 
     Raises
     ------
@@ -120,7 +123,7 @@ def lattice_corners(
     tail = 0.0
     if not isinstance(shape, Field):  # no shape needs to grow by more than a ball does
         growth = radius_of(volume) - radius_of(shape.volume)
-        tail = max(growth, 0.0) - np.log(NEGLIGIBLE) / (2 * scale)
+        tail = max(growth, 0.0) - np.log(least) / (2 * scale)
     low, high = (
         (corner + s * tail) / spacing for corner, s in zip(shape.bounds(), (-1, 1), strict=True)
     )
@@ -135,20 +138,22 @@ def lattice_corners(
     return np.floor(low + 1e-9).astype(np.int64), np.ceil(high - 1e-9).astype(np.int64)
 
 
-def check_memory(what: str, points: Sequence[float], spacing: float) -> None:
+def check_memory(what: str, kept: float, point_bytes: int, largest: float, spacing: float) -> None:
     """Raise ValueError if boxes of so many lattice points do not fit into memory.
 
     Parameters
     ----------
     what : what takes them, the subject of the error
-    points : of each cell
+    kept : lattice points of all cells
+    point_bytes : what each of them takes
+    largest : points of the largest box in which a start field is made
     spacing : float, µm
     """
-    needed = KEPT_BYTES * sum(points) + START_BYTES * max(points)
+    needed = point_bytes * kept + START_BYTES * largest
     if needed > memory():
         message = (
-            f"{what} {sum(points):.3g} lattice points at numerics.spacing = {spacing:g} µm, at "
-            f"least {needed / 1e9:.3g} GB of memory; there are {memory() / 1e9:.3g} GB. Take a "
+            f"{what} {kept or largest:.3g} lattice points at numerics.spacing = {spacing:g} µm, at least "
+            f"{needed / 1e9:.3g} GB of memory; there are {memory() / 1e9:.3g} GB. Take a "
             "coarser spacing, or smaller cells"
         )
         raise ValueError(message)
