@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from morphosim._parts import InParts, Joined
 from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.boxes import (
     BAD,
@@ -230,7 +231,11 @@ class BoxPool:
                 self.cells["ahead"][i] = self.surveys[i, TOTAL]
 
     def contents(self, cells: Integers | None = None) -> dict[str, NDArray]:
-        """Fields, histories and bands, box after box, of all cells or of those given."""
+        """Fields, histories and bands, box after box, of all cells or of those given: copies."""
+        return {name: np.asarray(parts) for name, parts in self.parts(cells).items()}
+
+    def parts(self, cells: Integers | None = None) -> dict[str, Joined]:
+        """What `contents` gives, not copied: valid until a field changes or boxes move."""
         held = {"phi": self.phi} if self.history is None else {
             "phi": self.phi, "history": self.history,
         }  # fmt: skip
@@ -240,11 +245,11 @@ class BoxPool:
             for first, n in zip(self.plane_start[chosen], self.shape[chosen, 0], strict=True)
         ]
         return {
-            name: np.concatenate([self.box(i, pool).ravel() for i in chosen.tolist()])
+            name: Joined([self.box(i, pool).reshape(-1) for i in chosen.tolist()])
             for name, pool in held.items()
-        } | {"band": np.concatenate(bands)}
+        } | {"band": Joined(bands)}
 
-    def restore(self, contents: Mapping[str, NDArray]) -> None:
+    def restore(self, contents: Mapping[str, InParts]) -> None:
         """Hold exactly the boxes that the table says, with the fields of `contents`."""
         self._slots, self._planes = Slots(), Slots()
         rows = np.arange(len(self))
@@ -270,7 +275,7 @@ class BoxPool:
             self.band[self.plane_start[i] : self.plane_start[i] + shape[i, 0]] = 0
         self.forget(new.tolist())
 
-    def fill(self, cells: Integers, contents: Mapping[str, NDArray]) -> None:
+    def fill(self, cells: Integers, contents: Mapping[str, InParts]) -> None:
         """Put the fields, histories and bands of `contents` into boxes of the same shapes."""
         sizes, planes = self.sizes()[cells], self.shape[cells, 0]
         ends, last = np.cumsum(sizes), np.cumsum(planes)

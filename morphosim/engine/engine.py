@@ -269,12 +269,17 @@ class Engine(CellView):
             self._stencil, self._limits, self._later, self._first, ticks, self._forces.stiffness,
         )  # fmt: skip
 
-    def contents(self) -> dict[str, NDArray]:
-        """Copies of all arrays that the next step depends on; see `restore`."""
-        return self.cells.saved() | self.pool.contents() | self.solver.contents()
+    def contents(self, lasting: bool = True) -> dict[str, Any]:
+        """All arrays that the next step depends on; see `restore`.
+
+        They are copies; unless they are to be `lasting`, the fields are not, and valid until the
+        next step.
+        """
+        fields = self.pool.contents() if lasting else self.pool.parts()
+        return self.cells.saved() | fields | self.solver.contents()
 
     def restore(
-        self, contents: Mapping[str, NDArray], physics: Physics, steps: int, ticks: int
+        self, contents: Mapping[str, Any], physics: Physics, steps: int, ticks: int
     ) -> None:
         """Go on from what `contents` gave, of an engine of the same numerics.
 

@@ -78,8 +78,8 @@ class GatheredView:
     def _table(self) -> dict[str, NDArray]:
         return cast(dict[str, NDArray], self._gathered("gather_table"))
 
-    def contents(self) -> dict[str, NDArray]:
-        """See `Engine`: of all cells."""
+    def contents(self, lasting: bool = True) -> dict[str, Any]:
+        """See `Engine`: of all cells, and copies in any case."""
         state: dict[str, NDArray] = self._gathered("gather_state")[0]
         return self.everyone.saved() | state | self.local.solver.contents()
 

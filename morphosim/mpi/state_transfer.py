@@ -5,7 +5,7 @@ cells' boxes follow each other.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-State = Mapping[str, NDArray]
+State = Mapping[str, Any]
 FLAT = ("phi", "history", "band")
 MOST_BYTES = 1 << 30
 """Bytes per message; MPI counts them in 32 bits."""
@@ -25,9 +25,10 @@ def select(state: State, cells: NDArray[np.int64]) -> dict[str, NDArray]:
     result = {"rows": cells}
     for name, values in state.items():
         if name in FLAT:
-            stretches = _stretches(state, name)
-            result[name] = np.concatenate([stretches[i] for i in cells.tolist()])
-        elif values.ndim and len(values) == count:
+            ends, sizes = _places(state, name)
+            chosen = [slice(ends[i] - sizes[i], ends[i]) for i in cells.tolist()]
+            result[name] = np.concatenate([values[part] for part in chosen])
+        elif values.shape[:1] == (count,):
             result[name] = values[cells]
     return result
 
@@ -48,9 +49,14 @@ def merge(parts: Sequence[State]) -> dict[str, NDArray]:
 
 def _stretches(state: State, name: str) -> list[NDArray]:
     """The boxes of a flat array."""
+    return np.split(state[name], _places(state, name)[0][:-1])
+
+
+def _places(state: State, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where the boxes of a flat array end in it, and their sizes there."""
     shape = state["shape"]
     sizes = shape[:, 0] if name == "band" else shape.prod(axis=1)
-    return np.split(state[name], np.cumsum(sizes)[:-1])
+    return np.cumsum(sizes), sizes
 
 
 def sendable(columns: State) -> dict[str, NDArray]:

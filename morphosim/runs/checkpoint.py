@@ -9,14 +9,15 @@ from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing
+from morphosim._parts import pieces
 from morphosim._shown import short_repr
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.term import Term
 from morphosim.provenance import versions
 from morphosim.runs.identity import Identity
+from morphosim.runs.npz import ENDING, read_array, stored_array, write_array
 from morphosim.scene.term_tables import term_table
 
 FORMAT = 3
@@ -40,7 +41,8 @@ class Checkpoint:
     stage : name of the stage
     removed : (time, name) of cells that were taken out
     settings : what the scene says that must stay the same, see `fingerprint.settings`
-    arrays : what `Engine.contents` gives: the columns of the cell table, and the fields
+    arrays : what `Engine.contents` gives: the columns of the cell table, and the fields, which in
+        what `read` gives stay in the file until they are used
     volumes : target volumes that are functions, by name of the cell: what a scene file says of a
         `VolumeCourse`, or None for another function, which is the scene's to say
     used : names that other cells had before
@@ -57,7 +59,7 @@ class Checkpoint:
     stage: str
     removed: tuple[tuple[float, str], ...]
     settings: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: Mapping[str, Any]
     volumes: Mapping[str, Mapping[str, Any] | None] = field(default_factory=dict)
     used: tuple[str, ...] = ()
     progress: Mapping[str, Any] | None = None
@@ -87,13 +89,12 @@ class Checkpoint:
             The physics have a term that no file can say.
         """
         arrays = self._packed("")
-        with replacing(path) as partial:
-            with partial.open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
-            with ZipFile(partial, "a") as archive:
-                archive.writestr(DIGEST, _digest(archive))
+        with replacing(path) as partial, ZipFile(partial, "w") as archive:
+            for name, values in arrays.items():
+                write_array(archive, name, values)
+            archive.writestr(DIGEST, _digest(archive))
 
-    def _packed(self, prefix: str) -> dict[str, NDArray[Any]]:
+    def _packed(self, prefix: str) -> dict[str, Any]:
         """Arrays of a file, with this before their names."""
         facts = {f.name: getattr(self, f.name) for f in fields(self)}
         del facts["arrays"], facts["back"]
@@ -139,12 +140,13 @@ class Checkpoint:
         if len(set(self.names)) != count or shape.shape != (count, 3):
             message = f"{path}: the saved state has {count} names for {len(shape)} boxes of cells"
             raise ValueError(message)
-        if self.arrays["phi"].size != shape.prod(axis=1).sum():
+        if self.arrays["phi"].shape != (shape.prod(axis=1).sum(),):
             message = f"{path}: the fields of the saved state do not fit the boxes of its cells"
             raise ValueError(message)
         bad = [
             name for name in FIELDS
-            if name in self.arrays and not np.isfinite(self.arrays[name]).all()
+            if name in self.arrays
+            and not all(np.isfinite(piece).all() for piece in pieces(self.arrays[name]))
         ]  # fmt: skip
         if bad:
             message = f"{path}: {bad[0]} of the saved state is not finite"
@@ -157,7 +159,7 @@ class Checkpoint:
             self.back._check(path)
 
     @classmethod
-    def _unpacked(cls, arrays: dict[str, NDArray[Any]]) -> "Checkpoint":
+    def _unpacked(cls, arrays: dict[str, Any]) -> "Checkpoint":
         facts = json.loads(str(arrays.pop(FACTS)))
         del facts["format"], facts["version"]
         facts["removed"] = tuple((time, name) for time, name in facts["removed"])
@@ -180,13 +182,21 @@ def _refused(item: Any) -> Any:
     raise ValueError(message)
 
 
-def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], bool]:
-    """Arrays of a file, and whether they are those that were written."""
+def _arrays(path: Path) -> tuple[dict[str, Any], bool]:
+    """Arrays of a file, and whether they are those that were written.
+
+    The fields are checked, and stay in the file; those to go back to do not, as they may be held
+    longer than the file is there.
+    """
     with ZipFile(path) as archive:
-        said = archive.read(DIGEST).decode() if DIGEST in archive.namelist() else ""
+        members = archive.namelist()
+        said = archive.read(DIGEST).decode() if DIGEST in members else ""
         is_as_written = said == _digest(archive)
-    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files if name != DIGEST}, is_as_written
+        names = [name.removesuffix(ENDING) for name in members if name != DIGEST]
+        arrays = {
+            name: (stored_array if name in FIELDS else read_array)(archive, name) for name in names
+        }
+    return arrays, is_as_written
 
 
 def _digest(archive: ZipFile) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._parts import InParts, pieces
 from morphosim.measure.variable import Variable
 from morphosim.runs.schema import PHI_STEP
 
@@ -22,12 +23,22 @@ PACKED_PHI = {"dtype": "int16", SCALE: np.float32(PHI_STEP), FILL: np.int16(-(1 
 def write_variables(group: Any, variables: Mapping[str, Variable], values: Values) -> None:
     """Write those variables of a group that have values, with their dimensions."""
     for name, given in values.items():
-        variable, value = variables[name], np.asarray(given)
+        variable = variables[name]
         if variable.kind is str:
-            write_texts(group, name, variable, value)
+            write_texts(group, name, variable, np.asarray(given))
+        elif variable.lazy:
+            _write_pieces(create(group, name, variable, given.shape, given.dtype), given)
         else:
-            kind = value.dtype if variable.lazy else variable.kind
-            create(group, name, variable, value.shape, kind)[:] = value
+            value = np.asarray(given)
+            create(group, name, variable, value.shape, variable.kind)[:] = value
+
+
+def _write_pieces(created: Any, values: InParts) -> None:
+    """Write values that need not all be held at once."""
+    start = 0
+    for piece in pieces(values):
+        created[start : start + len(piece)] = piece
+        start += len(piece)
 
 
 def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], kind: Any) -> Any:
@@ -71,6 +82,18 @@ def _require(group: Any, dims: Sequence[str], shape: Sequence[int]) -> None:
     for dimension, size in zip(dims, shape, strict=True):
         if dimension not in group.dimensions:
             group.createDimension(dimension, size)
+
+
+class PackedPhi:
+    """A phase field as whole numbers, packed as far as it is used; see `pack_phi`."""
+
+    dtype = np.dtype(np.int16)
+
+    def __init__(self, phi: InParts) -> None:
+        self._phi, self.shape = phi, phi.shape
+
+    def __getitem__(self, part: slice) -> NDArray[np.int16]:
+        return pack_phi(self._phi[part])
 
 
 def pack_phi(phi: NDArray[np.floating]) -> NDArray[np.int16]:

@@ -126,5 +126,8 @@ class Observed(Protocol):
     def measured(self) -> Measurement:
         """Shapes and contacts of all cells, measured on the simulation's threads."""
 
-    def checkpoint(self) -> Checkpoint:
-        """The whole present state, from which a run goes on bit for bit."""
+    def checkpoint(self, *, lasting: bool) -> Checkpoint:
+        """The whole present state, from which a run goes on bit for bit.
+
+        Unless it is to be `lasting`, it is valid until the next step.
+        """

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim._parts import Joined
 from morphosim.measure.label_image import label_image
 from morphosim.provenance import processor, versions
 from morphosim.runs.measured_state import MeasuredState, variables
-from morphosim.runs.netcdf_variables import Values, pack_phi, write_variables
+from morphosim.runs.netcdf_variables import PackedPhi, Values, write_variables
 from morphosim.runs.observed import Observed
 from morphosim.runs.schema import (
     CONTACT_MATRIX,
@@ -24,9 +25,12 @@ from morphosim.runs.schema import (
 from morphosim.scene.arrays import listed
 from morphosim.scene.tables import numerics_table, physics_in_file
 
+MOST_IN_MEMORY = 1 << 26
+"""Bytes of fields whose file is put together in memory first, which is quicker."""
+
 
 def write_save(path: Path, state: MeasuredState, fields: str, labels: bool) -> None:
-    """Write the netCDF file of a state, in one go.
+    """Write the netCDF file of a state; its fields in pieces, so that they are not held twice.
 
     Raises
     ------
@@ -38,7 +42,8 @@ def write_save(path: Path, state: MeasuredState, fields: str, labels: bool) -> N
     import netCDF4
 
     table = state.table
-    with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
+    small = sum(field.phi.nbytes for field in state.fields) <= MOST_IN_MEMORY
+    with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=small, persist=small) as file:
         _write(file, state, table, fields, labels)
 
 
@@ -112,18 +117,14 @@ def _pairs(state: MeasuredState) -> Values:
 def _fields(state: MeasuredState, packed: bool) -> Values:
     origin, shape = state.boxes
     sizes = shape.prod(axis=1)
-    kind = np.int16 if packed else state.fields[0].phi.dtype
-    phi, ends = np.empty(sizes.sum(), kind), np.cumsum(sizes)
-    for field, size, end in zip(state.fields, sizes.tolist(), ends.tolist(), strict=True):
-        box = field.phi.ravel()
-        phi[end - size : end] = pack_phi(box) if packed else box
+    phi = Joined([field.phi.reshape(-1) for field in state.fields])
     return {
         "row_size": sizes,
         "box_time": np.zeros(len(sizes), np.int32),
         "box_cell": np.arange(len(sizes)),
         "box_origin": origin,
         "box_shape": shape,
-        "phi": phi,
+        "phi": PackedPhi(phi) if packed else phi,
     }
 
 

@@ -2,7 +2,7 @@
 
 import logging
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import chain
 from pathlib import Path
 
@@ -267,9 +267,12 @@ class RunWriter:
     def _write(self, number: int, state: MeasuredState) -> None:
         """Write a save and, at the same time, the checkpoint to go on from."""
         with replacing(self.files.save(number)) as partial:
-            checkpoint = state.simulation.checkpoint()
+            checkpoint = state.simulation.checkpoint(lasting=False)
             kept = self._other.submit(checkpoint.write, self.files.restart(number))
-            write_save(partial, state, self.fields, self.labels)
+            try:
+                write_save(partial, state, self.fields, self.labels)
+            finally:
+                wait([kept])  # it reads the fields, which must stay
             kept.result()  # a save appears after the checkpoint
 
     def _mark_before(self, time: float) -> Positions | None:

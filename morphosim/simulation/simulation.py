@@ -226,10 +226,19 @@ class Simulation(State):
         simulation.identity = identity
         return simulation
 
-    def checkpoint(self, alone: bool = False) -> Checkpoint:
-        """The whole present state; `alone`, without how far the stages are."""
+    def checkpoint(self, alone: bool = False, lasting: bool = True) -> Checkpoint:
+        """The whole present state.
+
+        Parameters
+        ----------
+        alone : bool
+            Whether to leave out how far the stages are.
+        lasting : bool
+            Whether it stays as it is when the simulation goes on. If not it takes no memory for
+            the fields, and must be written before the next step.
+        """
         stages = None if alone or not self.scene.stages else self._stages
-        arrays = self.engine.contents()
+        arrays = self.engine.contents(lasting)
         return Checkpoint(
             physics=physics_table(self.physics),
             steps=self.engine.steps,

@@ -83,6 +83,7 @@ def same(one: Checkpoint | None, other: Checkpoint | None) -> bool:
 
 def bits(array: Any) -> tuple:
     """What two arrays that are the same have in common."""
+    array = np.asarray(array)
     return array.dtype, array.shape, array.tobytes()
 
 
