@@ -16,6 +16,13 @@ By = Annotated[
         "of each cell such as pressure, age or sphericity"
     ),
 ]
+Cut = Annotated[
+    str | None,
+    typer.Option(
+        help="cut away the half at that end of an axis: z, -z, or z=12.5 for what is above 12.5 µm "
+        "(-z=12.5: below); x and y likewise"
+    ),
+]
 Shell = Annotated[bool, typer.Option(help="draw the shell, or the edges of the box")]
 Mirror = Annotated[
     bool, typer.Option("--mirror", help="reverse z: the built-in embryos are left-handed")
@@ -38,6 +45,7 @@ def plot(
     shell: Shell = True,
     matrix: Annotated[bool, typer.Option(help="add the contact matrix")] = True,
     mirror: Mirror = False,
+    cut: Cut = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the cells of a run at one time, in several views."""
@@ -48,7 +56,7 @@ def plot(
     with open_run(directory) as data:
         write(
             data, time, by=by, views=view or "three", names=names, shell=shell, matrix=matrix,
-            mirror=mirror, path=output,
+            mirror=mirror, cut=cut, path=output,
         )  # fmt: skip
     note(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
 
@@ -64,6 +72,7 @@ def film(
     names: Annotated[bool, typer.Option(help="write the names on the cells")] = False,
     shell: Shell = True,
     mirror: Mirror = False,
+    cut: Cut = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Make a film of a run, one frame per save."""
@@ -74,7 +83,7 @@ def film(
     with open_run(directory) as data, progress() as tell:
         write(
             data, output, by=by, view=view, turn=turn, fps=fps, names=names, shell=shell,
-            mirror=mirror, tell=lambda done, of: tell("film", done, of),
+            mirror=mirror, cut=cut, tell=lambda done, of: tell("film", done, of),
         )  # fmt: skip
     note(f"{output}: {output.stat().st_size / 1e6:.1f} MB")
 

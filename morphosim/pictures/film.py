@@ -14,6 +14,7 @@ from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import View, checked_pixels, directions, swept, turned
 from morphosim.pictures.colours import colours_of_saves, key_colours
+from morphosim.pictures.cut import read_cut
 from morphosim.pictures.gif import write_gif
 from morphosim.pictures.lettering import inches_wide
 from morphosim.pictures.plot import draw_sight
@@ -21,6 +22,7 @@ from morphosim.pictures.sight import (
     Sight,
     Surroundings,
     checked_bounds,
+    placed_cut,
     run_corners,
     sight,
     surroundings,
@@ -81,6 +83,7 @@ def film(
     names: bool = False,
     shell: bool = True,
     mirror: bool = False,
+    cut: str | None = None,
     bounds: ArrayLike | None = None,
     size: tuple[int, int] = USUAL,
     tell: Tell | None = None,
@@ -92,7 +95,8 @@ def film(
     run : Dataset of `open_run`
     path : path
         "*.mp4" (H.264) or "*.gif". The file appears when it is whole, and replaces another.
-    by, colours, names, shell, mirror : see `plot`
+    by, colours, names, shell, mirror, cut : see `plot`
+        The cut is in the same place throughout.
     view : name or direction
         See `plot`; where the film begins if it turns.
     turn : float
@@ -131,8 +135,9 @@ def film(
     directions(view)
     for name, flag in (("names", names), ("shell", shell)):
         _validate.flag(name, flag)
-    saves = _saves(run, times)
+    half, saves = read_cut(cut), _saves(run, times)
     around = surroundings(run, mirror) if shell else Surroundings()
+    placed = placed_cut(run, saves, half, around, mirror)
     points = _points(run, bounds, around, mirror)
     width, height = (pixels // 2 * 2 for pixels in checked_pixels(size, least=64))
     shooting = _Shooting(
@@ -145,7 +150,7 @@ def film(
 
     def look(save: int) -> Sight:
         time = float(run["time"].values[save])
-        return sight(run, time, colourings[save], mirror, around)
+        return sight(run, time, colourings[save], mirror, around, placed)
 
     with replacing(target) as partial, closing(_frames(saves, look, shooting)) as frames:
         told = _told(frames, len(saves), tell)

@@ -19,8 +19,10 @@ IN_AND_OUT = (0.5, -0.53)
 1995, doi:10.1145/218380.218473."""
 
 
-def joined(fields: Iterable[CellField]) -> Iterator[CellField]:
+def joined(fields: Iterable[CellField], chosen: Iterable[int] | None = None) -> Iterator[CellField]:
     """The same cells, sharing out what they fill together: {Σφ > 1/2}, to the largest φ each.
+
+    All of them, or those at the chosen places among them.
 
     Cells that touch without attraction come to rest where φ is some 0.32 in both, so that their
     surfaces φ = 1/2 stay about a lattice step apart; those that attract each other overlap a
@@ -31,10 +33,10 @@ def joined(fields: Iterable[CellField]) -> Iterator[CellField]:
     cells = [CellField(f.name, f.origin, _finite(f.phi)) for f in fields]
     low = np.array([cell.origin for cell in cells]).reshape(-1, 3)
     high = low + np.array([cell.phi.shape for cell in cells]).reshape(-1, 3)
-    for k, cell in enumerate(cells):
+    for k in range(len(cells)) if chosen is None else chosen:
         near = (low < high[k]).all(axis=1) & (high > low[k]).all(axis=1)
         near[k] = False
-        yield _joined(cell, [cells[other] for other in np.flatnonzero(near)])
+        yield _joined(cells[k], [cells[other] for other in np.flatnonzero(near)])
 
 
 def smoothed(surface: Surface) -> Surface:

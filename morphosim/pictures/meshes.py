@@ -69,14 +69,21 @@ def cell_meshes(run: "xr.Dataset", time: float | None = None) -> list[CellMesh]:
     if time is not None:
         _validate.number("time", time)
     save = time_index(run, time)
+    return field_meshes(load_fields(run, save), spacing(run), types_of(run, save))
+
+
+def types_of(run: "xr.Dataset", save: int) -> dict[str, str]:
+    """Type of each cell of a run at a save, by name."""
     kinds = variable(run, "type", "time", "cell")[save].values
     names = variable(run, "cell", "cell").values
-    types = {str(name): str(kind) for name, kind in zip(names, kinds, strict=True)}
-    return field_meshes(load_fields(run, save), spacing(run), types)
+    return {str(name): str(kind) for name, kind in zip(names, kinds, strict=True)}
 
 
 def field_meshes(
-    fields: Iterable[CellField], spacing: float, types: Mapping[str, str] | None = None
+    fields: Iterable[CellField],
+    spacing: float,
+    types: Mapping[str, str] | None = None,
+    chosen: Iterable[int] | None = None,
 ) -> list[CellMesh]:
     """Surfaces φ = 1/2 of fields, as a running simulation has them, joined where cells touch.
 
@@ -86,9 +93,11 @@ def field_meshes(
     spacing : float, µm
     types : optional
         Type of each cell by name; "" for cells that it lacks.
+    chosen : places of fields, optional
+        Of these alone meshes are made; by default of all.
     """
     types = types or {}
-    surfaces = (smoothed(cell_surface(field, spacing)) for field in joined(fields))
+    surfaces = (smoothed(cell_surface(field, spacing)) for field in joined(fields, chosen))
     return [
         CellMesh(
             surface.name,

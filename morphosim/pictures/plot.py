@@ -17,8 +17,16 @@ from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import THREE, VIEWS, View, camera, checked_pixels, directions
 from morphosim.pictures.colours import cell_colours
+from morphosim.pictures.cut import read_cut
 from morphosim.pictures.layout import Layout, layout
-from morphosim.pictures.sight import Sight, Surroundings, checked_bounds, sight, surroundings
+from morphosim.pictures.sight import (
+    Sight,
+    Surroundings,
+    checked_bounds,
+    placed_cut,
+    sight,
+    surroundings,
+)
 from morphosim.runs.saved_fields import time_index
 
 if TYPE_CHECKING:
@@ -32,6 +40,8 @@ if TYPE_CHECKING:
 
 FORMATS = (".png", ".jpg", ".jpeg", ".pdf", ".svg", ".tif", ".tiff", ".webp")
 DPI = 120
+MOST_NAMED = 500
+"""Names of more cells would hide their colours, and are not read."""
 FOOT = 0.45
 """Inches below the cells for scale bar and axes."""
 
@@ -47,6 +57,7 @@ def plot(
     shell: bool = True,
     matrix: bool = True,
     mirror: bool = False,
+    cut: str | None = None,
     size: tuple[float, float] | None = None,
     path: str | Path | None = None,
 ) -> "Figure":
@@ -66,7 +77,8 @@ def plot(
     colours : optional
         Colours by name, in place of those chosen.
     names : bool
-        Whether cells that are seen well have their names; none is over another.
+        Whether cells that are seen well have their names; none is over another. Of more than
+        `MOST_NAMED` none has.
     shell : bool
         Whether the shell is drawn, translucent, or the edges of the box.
     matrix : bool
@@ -76,6 +88,10 @@ def plot(
         posterior, y dorsal, z to the right), so that drawn as they are, they show the embryo's
         mirror image. With `mirror` the picture is the anatomy: the view along z shows it from
         its left, with small z in front.
+    cut : str, optional
+        "z" cuts away the upper half along z, towards the camera of that view, "-z" the lower one;
+        "z=12.5" what is above 12.5 µm, "-z=12.5" what is below; x and y likewise. Coordinates are
+        those of the run, whatever `mirror` says.
     size : (float, float), optional
         Width and height in inches, from 2 to 48; by default what the views need. Figures that are
         too small for them have no matrix, or no scale bars and axes.
@@ -89,7 +105,10 @@ def plot(
     Raises
     ------
     ValueError
-        A word is not known, or the run lacks what it takes: fields, or contacts.
+        A word is not known, the cut does not meet the cells, or the run lacks what it takes:
+        fields, or contacts.
+    MemoryError
+        There are so many cells that they do not fit.
     ImportError
         PyVista or matplotlib is not installed.
     OSError
@@ -102,8 +121,7 @@ def plot(
     need("matplotlib", "a figure", "pictures")
     from morphosim.pictures.matrix import contact_matrix
 
-    around = surroundings(run, mirror) if shell else Surroundings()
-    seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
+    seen = _sight(run, time, by, colours, shell, mirror, cut)
     contacts = contact_matrix(run, time_index(run, time)) if matrix else None
     if contacts is not None and len(contacts.names) < 2:
         contacts = None
@@ -127,6 +145,7 @@ def draw(
     names: bool = True,
     shell: bool = True,
     mirror: bool = False,
+    cut: str | None = None,
     bounds: ArrayLike | None = None,
     scale_bar: bool = True,
     axes: bool = True,
@@ -158,8 +177,7 @@ def draw(
 
     need("matplotlib", "a figure", "pictures")
     box = None if bounds is None else checked_bounds(bounds, mirror)
-    around = surroundings(run, mirror) if shell else Surroundings()
-    seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
+    seen = _sight(run, time, by, colours, shell, mirror, cut)
     with Painter() as painter:
         return draw_sight(
             ax, seen, painter, view, box, names=names, mirror=mirror, scale_bar=scale_bar,
@@ -204,7 +222,7 @@ def draw_sight(
     shown = seen.points if points is None else points
     panel = painter.paint(camera(view, shown, annotate.pixels_of(ax), scale=scale, foot=free))
     annotate.show_panel(ax, panel)
-    if names:
+    if names and len(seen.meshes) <= MOST_NAMED:
         written = annotate.write_names(ax, panel, before, free)
         if before is not None:
             before.clear()
@@ -225,6 +243,7 @@ def render(
     colours: Mapping[str, object] | None = None,
     shell: bool = True,
     mirror: bool = False,
+    cut: str | None = None,
     bounds: ArrayLike | None = None,
     size: tuple[int, int] = (800, 600),
 ) -> NDArray[np.uint8]:
@@ -241,12 +260,23 @@ def render(
 
     pixels = checked_pixels(size, least=8)
     box = None if bounds is None else checked_bounds(bounds, mirror)
-    around = surroundings(run, mirror) if shell else Surroundings()
-    seen = sight(run, time, cell_colours(run, time, by, colours), mirror, around)
+    seen = _sight(run, time, by, colours, shell, mirror, cut)
     with Painter() as painter:
         seen.load(painter)
         where = camera(view, seen.points if box is None else box, pixels)
         return painter.paint(where).image
+
+
+def _sight(
+    run: "xr.Dataset", time: float | None, by: str, colours: Mapping[str, object] | None,
+    shell: bool, mirror: bool, cut: str | None,
+) -> Sight:  # fmt: skip
+    """What a picture of one save shows."""
+    half = read_cut(cut)
+    colouring = cell_colours(run, time, by, colours)
+    around = surroundings(run, mirror) if shell else Surroundings()
+    placed = placed_cut(run, [time_index(run, time)], half, around, mirror)
+    return sight(run, time, colouring, mirror, around, placed)
 
 
 def _views(views: str | Sequence[View]) -> list[View]:

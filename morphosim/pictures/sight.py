@@ -1,6 +1,7 @@
 """What a picture of a save shows: meshes, their colours and what is around them."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from morphosim import _validate
 from morphosim.pictures.camera import corners
 from morphosim.pictures.colours import Colouring
-from morphosim.pictures.meshes import CellMesh, cell_meshes, mirrored, run_confinement, shell_mesh
+from morphosim.pictures.cut import AXES, Cut
+from morphosim.pictures.detail import drawn_meshes
+from morphosim.pictures.meshes import CellMesh, mirrored, run_confinement, shell_mesh
 from morphosim.runs.saved_fields import time_index, variable
 
 if TYPE_CHECKING:
@@ -44,6 +47,12 @@ class Surroundings:
         if self.shell is not None:
             return self.shell.vertices.astype(np.float64)
         return None if self.box is None else corners(self.box)
+
+    def opened(self, cut: Cut | None, mirror: bool) -> "Surroundings":
+        """The same with the shell cut open; the edges of a box stay."""
+        if cut is None or self.shell is None:
+            return self
+        return replace(self, shell=(cut.mirrored() if mirror else cut).open(self.shell))
 
 
 def surroundings(run: "xr.Dataset", mirror: bool = False) -> Surroundings:
@@ -97,19 +106,45 @@ def sight(
     colouring: Colouring,
     mirror: bool,
     around: Surroundings,
+    cut: Cut | None = None,
 ) -> Sight:
-    """What a picture of the save nearest to `time` shows, mirrored if it is to be.
+    """What a picture of the save nearest to `time` shows, mirrored if it is to be, and cut.
+
+    Raises
+    ------
+    ValueError, MemoryError
+        See `drawn_meshes`.
+    """
+    _validate.flag("mirror", mirror)
+    meshes = drawn_meshes(run, time, cut)
+    if mirror:
+        meshes = [mirrored(mesh) for mesh in meshes]
+    return Sight(meshes, colouring, around.opened(cut, mirror), title(run, time))
+
+
+def placed_cut(
+    run: "xr.Dataset", saves: Sequence[int], cut: Cut | None, around: Surroundings, mirror: bool
+) -> Cut | None:
+    """Cut in its place: by default through the middle of the shell or box, or else of the cells.
 
     Raises
     ------
     ValueError
-        See `cell_meshes`.
+        It does not meet the cells of these saves.
     """
-    _validate.flag("mirror", mirror)
-    meshes = cell_meshes(run, time)
-    if mirror:
-        meshes = [mirrored(mesh) for mesh in meshes]
-    return Sight(meshes, colouring, around, title(run, time))
+    if cut is None:
+        return None
+    cells = run_corners(run, saves=saves)
+    middle = cells if around.points is None else around.points * (FLIP if mirror else 1.0)
+    placed = cut.placed(middle)
+    if not placed.meets(cells):
+        low, high = cells[:, cut.axis].min(), cells[:, cut.axis].max()
+        message = (
+            f"cut = {cut.text!r} does not meet the cells, which are between "
+            f"{AXES[cut.axis]} = {low:.4g} and {high:.4g} µm"
+        )
+        raise ValueError(message)
+    return placed
 
 
 def title(run: "xr.Dataset", time: float | None) -> str:
@@ -136,10 +171,15 @@ def checked_bounds(bounds: ArrayLike, mirror: bool) -> Floats:
     return corners(flipped(given, mirror))
 
 
-def run_corners(run: "xr.Dataset", mirror: bool = False) -> Floats:
-    """Corners (8, 3) of the box around all cells of all saves, µm."""
-    low = variable(run, "box_low", "time", "cell", "axis").values.reshape(-1, 3)
-    high = variable(run, "box_high", "time", "cell", "axis").values.reshape(-1, 3)
+def run_corners(
+    run: "xr.Dataset", mirror: bool = False, saves: Sequence[int] | None = None
+) -> Floats:
+    """Corners (8, 3) of the box around all cells of some saves, by default of all, µm."""
+    shown = slice(None) if saves is None else list(saves)
+    low, high = (
+        variable(run, f"box_{end}", "time", "cell", "axis")[shown].values.reshape(-1, 3)
+        for end in ("low", "high")
+    )
     if not np.isfinite(low).any():
         return corners(NOTHING)
     return corners(flipped(np.stack([np.nanmin(low, axis=0), np.nanmax(high, axis=0)]), mirror))

@@ -84,11 +84,16 @@ class SavedBoxes:
         values = self.phi.isel(sample=slice(self.start[box], self.start[box + 1])).values
         return np.asarray(values.reshape(self.shape[box]))
 
+    def read_some(self, first: int, stop: int) -> list[NDArray]:
+        """Read φ of the boxes from `first` to before `stop` at once."""
+        starts = self.start[first : stop + 1]
+        values = self.phi.isel(sample=slice(starts[0], starts[-1])).values
+        parts = np.split(values, starts[1:-1] - starts[0])
+        return [part.reshape(n) for part, n in zip(parts, self.shape[first:stop], strict=True)]
+
     def read_all(self) -> list[NDArray]:
         """Read φ of all boxes at once."""
-        values = self.phi.isel(sample=slice(self.start[0], self.start[-1])).values
-        parts = np.split(values, self.start[1:-1] - self.start[0])
-        return [part.reshape(n) for part, n in zip(parts, self.shape, strict=True)]
+        return self.read_some(0, len(self.cell))
 
 
 def saved_boxes(run: xr.Dataset, save: int) -> SavedBoxes:
