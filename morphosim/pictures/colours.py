@@ -17,8 +17,8 @@ from morphosim.pictures.palettes import (
     GREY,
     RGB,
     SEQUENTIAL,
+    blended,
     evenly,
-    interpolated,
     rgb,
     set_apart,
     some_colours,
@@ -38,6 +38,9 @@ SHADES = 96
 """Of a colour bar whose steps are not seen."""
 LEAST_ERROR = 1.0
 """%, least range of the colours of volume errors."""
+MOST_STEPS = 5
+"""Between the marks of a colour bar."""
+ROUNDING = 1e-9
 COMMON = 95
 """% of all volume errors that the range of colours takes in."""
 
@@ -223,11 +226,17 @@ def _by_measure(
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     if low == high:
         low, high = low - 0.5, high + 0.5
-    marks = np.linspace(low, high, 5).tolist()
-    ticks = [(mark, f"{mark:.3g}".replace("-", "−")) for mark in marks]
-    scale = Scale(low, high, SEQUENTIAL, ticks)
+    scale = Scale(low, high, SEQUENTIAL, _round_marks(low, high, bool((known % 1 == 0).all())))
     title = by.replace("_", " ") + (f", {UNITS.get(units, units)}" if units != "1" else "")
     return _on_scale(run, saves, by, title, scale, values)
+
+
+def _round_marks(low: float, high: float, whole: bool) -> list[tuple[float, str]]:
+    """Two to six round numbers of a range, whole ones if values are."""
+    step = _round_up((high - low) / MOST_STEPS)
+    step = max(step, 1.0) if whole else step
+    marks = step * np.arange(np.ceil(low / step - ROUNDING), np.floor(high / step + ROUNDING) + 1)
+    return [(mark, f"{mark:.6g}".replace("-", "−")) for mark in (marks + 0.0).tolist()]
 
 
 def _refuse_colours(by: str, colours: Mapping[str, object] | None) -> None:
@@ -244,11 +253,9 @@ def _on_scale(
     names, places = _names(run), (values - scale.low) / (scale.high - scale.low)
     made = []
     for save in saves:
-        place = dict(zip(names, np.clip(places[save], 0, 1).tolist(), strict=True))
-        colours = {
-            name: interpolated(scale.stops, place[name]) if np.isfinite(place[name]) else GREY
-            for name in living(run, save)
-        }
+        there, place = living(run, save), dict(zip(names, places[save].tolist(), strict=True))
+        shades = blended(scale.stops, np.array([place[name] for name in there]))
+        colours = dict(zip(there, shades, strict=True))
         made.append(Colouring(by, title, colours, scale=scale))
     return made
 

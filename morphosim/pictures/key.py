@@ -97,7 +97,7 @@ def _colour_bar(ax: Axes, scale: Scale, title: str, wide: float) -> None:
 
 def _ticks(scale: Scale, wide: float) -> list[tuple[float, str]]:
     """All ticks, or the outer ones where those are too near each other; in words that fit."""
-    room = wide / (len(scale.ticks) - 1) - 0.05
+    room = wide / max(len(scale.ticks) - 1, 1) - 0.05
     fit = all(inches_wide(text, 8) <= room for _, text in scale.ticks)
     ticks = list(scale.ticks) if fit else [scale.ticks[0], scale.ticks[-1]]
     return [(value, shortened(text, 8, wide - 0.05)) for value, text in ticks]

@@ -20,6 +20,7 @@ from morphosim.runs.views import contacts
 
 if TYPE_CHECKING:
     import xarray as xr
+    from scipy.sparse import coo_array
 
 SIZES = (9.0, 8.0, 7.0, 6.0)
 """Letters of names, points: the largest for which there is room. Smaller ones are not read."""
@@ -56,25 +57,31 @@ class ContactMatrix(NamedTuple):
     Attributes
     ----------
     names : of the cells
-    areas : (N, N) µm²
+    areas : (N, N) µm², sparse
     groups : (N,) what cells belong to: their type, or founder
     """
 
     names: list[str]
-    areas: NDArray[np.float64]
+    areas: "coo_array"
     groups: list[str]
 
 
 def contact_matrix(run: "xr.Dataset", save: int) -> ContactMatrix:
     """Contact matrix of the cells that are there at a save."""
+    from scipy.sparse import coo_array
+
     group, there = groups(run, save), set(living(run, save))
     names = [name for name in group if name in there]
     place = {name: k for k, name in enumerate(names)}
-    areas = np.zeros((len(names), len(names)))
-    for a, b, area in contacts(run, save):
-        if a in place and b in place:
-            areas[place[a], place[b]] = areas[place[b], place[a]] = area
-    return ContactMatrix(names, areas, [group[name] for name in names])
+    pairs = {  # of which some runs have both orders
+        (*sorted((place[a], place[b])), area)
+        for a, b, area in contacts(run, save) if a in place and b in place
+    }  # fmt: skip
+    i, j, areas = np.array(sorted(pairs)).reshape(-1, 3).T
+    both = np.concatenate([i, j]).astype(int), np.concatenate([j, i]).astype(int)
+    shape = len(names), len(names)
+    whole = coo_array((np.concatenate([areas, areas]), both), shape)
+    return ContactMatrix(names, whole, [group[name] for name in names])
 
 
 def block_room(matrix: ContactMatrix) -> Room:
@@ -84,8 +91,10 @@ def block_room(matrix: ContactMatrix) -> Room:
     """
     side = LEAST
     for size, most in [*((size, USUAL) for size in SIZES), *((size, LARGEST) for size in SIZES)]:
+        if len(matrix.names) * _row(size) > most:
+            continue
         labels = _label_room(matrix.names, size, most)
-        needed = len(matrix.names) * size * LINE / POINTS_PER_INCH + labels + ABOVE
+        needed = len(matrix.names) * _row(size) + labels + ABOVE
         if needed <= most:
             side = max(needed, LEAST)
             break
@@ -121,7 +130,7 @@ def draw_matrix(figure: Figure, place: Place, matrix: ContactMatrix) -> Axes:
         (left + plan.left + max(spare[0], 0) / 2) / wide,
         (bottom + plan.below + max(spare[1], 0) / 2) / high, plan.side / wide, plan.side / high,
     ))  # fmt: skip
-    peak = float(np.nanmax(areas, initial=0))
+    peak = float(np.nanmax(areas.data, initial=0))
     shown = _pooled(areas, max(int(plan.side * figure.dpi), 1))
     end = len(names) - 0.5
     image = ax.imshow(
@@ -145,21 +154,29 @@ def draw_matrix(figure: Figure, place: Place, matrix: ContactMatrix) -> Axes:
     return ax
 
 
-def _pooled(areas: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+def _pooled(areas: "coo_array", most: int) -> NDArray[np.float64]:
     """Largest areas of entries that share a pixel, where there are more than `most` in a row."""
-    step = -(-len(areas) // most)
-    starts = np.arange(0, len(areas), max(step, 1))
-    rows = np.maximum.reduceat(areas, starts, axis=0)
-    return np.asarray(np.maximum.reduceat(rows, starts, axis=1))
+    step = max(-(-areas.shape[0] // most), 1)
+    count = -(-areas.shape[0] // step)
+    pooled = np.zeros((count, count))
+    np.maximum.at(pooled, (areas.row // step, areas.col // step), areas.data)
+    return pooled
+
+
+def _row(size: float) -> float:
+    """Height of a row whose name is in letters of this size, inches."""
+    return size * LINE / POINTS_PER_INCH
 
 
 def _plan(matrix: ContactMatrix, room: Room) -> _Plan:
     """Names in the largest letters for which there is room, or groups, or nothing."""
     count = max(len(matrix.names), 1)
     for size in SIZES:
+        if count * _row(size) > min(room):
+            continue
         labels = _label_room(matrix.names, size, min(room))
         side = min(room[0] - labels - RIGHT, room[1] - labels - ABOVE, count * CELL)
-        if side >= max(count * size * LINE / POINTS_PER_INCH, min(TINY, count * CELL)):
+        if side >= max(count * _row(size), min(TINY, count * CELL)):
             return _Plan(side, size, labels, labels, RIGHT)
     labels = _label_room(sorted(set(matrix.groups)), SIZES[1], min(room))
     side = min(room[0] - labels - RIGHT, room[1] - labels - ABOVE)
@@ -205,12 +222,13 @@ def _name_groups(ax: Axes, groups: Sequence[str], plan: _Plan) -> None:
     ax.set_xticks(middles, texts, fontsize=size, rotation=0 if lying else 90)
 
 
-def _write_areas(ax: Axes, areas: NDArray[np.float64], peak: float, side: float) -> None:
+def _write_areas(ax: Axes, areas: "coo_array", peak: float, side: float) -> None:
     """Areas as numbers, if they fit into entries of this side in inches."""
     size = float(np.clip(0.8 * side / inches_wide(f"{peak:.0f}.", 1), 0, 8))
     if size < SIZES[-1]:
         return
-    for (row, column), area in np.ndenumerate(areas):
+    entries = (part.tolist() for part in (areas.row, areas.col, areas.data))
+    for row, column, area in zip(*entries, strict=True):
         if area > 0:
             colour = "white" if area > 0.55 * peak else "black"
             text = f"{area:.0f}" if area >= 0.95 else f"{area:.1f}"

@@ -72,9 +72,15 @@ SEQUENTIAL = tuple(
 
 def interpolated(stops: Sequence[RGB], place: float) -> RGB:
     """Colour between stops at even distances; `place` from 0 to 1."""
-    at = np.linspace(0, 1, len(stops))
-    red, green, blue = (float(np.interp(place, at, band)) for band in np.transpose(stops))
-    return red, green, blue
+    return blended(stops, np.array([place]))[0]
+
+
+def blended(stops: Sequence[RGB], places: NDArray[np.float64]) -> list[RGB]:
+    """Colours between stops at even distances, from 0 to 1; grey at what is no number."""
+    at, known = np.linspace(0, 1, len(stops)), np.isfinite(places)
+    bands = (np.interp(places, at, band) for band in np.transpose(stops))
+    shades = zip(*(band.tolist() for band in bands), strict=True)
+    return [shade if there else GREY for shade, there in zip(shades, known.tolist(), strict=True)]
 
 
 def evenly(stops: Sequence[RGB], count: int) -> list[RGB]:

@@ -74,6 +74,22 @@ def test_numbers_of_cells_are_on_the_scale_of_all_saves() -> None:
     assert cell_colours(run, 10, "sphericity").scale is not None, "all alike"
 
 
+def test_marks_of_a_scale_are_round_and_those_of_whole_numbers_whole() -> None:
+    run = made_run([{"a": Ball(AT), "b": Ball(AT), "c": Ball(AT)}])
+
+    def marks(*values: float) -> list[str]:
+        run["generation"] = (("time", "cell"), np.array([values]))
+        scale = cell_colours(run, by="generation").scale
+        assert scale is not None
+        return [text for _, text in scale.ticks]
+
+    assert marks(0, 1, 1) == ["0", "1"]
+    assert marks(0, 3, 13) == ["0", "5", "10"]
+    assert marks(2, 2, 2) == ["2"]
+    assert marks(0.0003, 0.04, 0.084) == ["0.02", "0.04", "0.06", "0.08"]
+    assert marks(-0.2, 0.1, 0.3) == ["−0.2", "−0.1", "0", "0.1", "0.2", "0.3"]
+
+
 def test_stages_are_those_in_which_cells_appear() -> None:
     run = made_run([{"a": Ball(AT)}, {"a": Ball(AT), "b": Ball(AT)}], stages=["one", "two"])
     colouring = cell_colours(run, by="stage")
