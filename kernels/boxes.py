@@ -152,10 +152,10 @@ def find_band(i, phi, history, boxes, on_band, limits, surveys):
     return cut
 
 
-@parallel_kernel()
+@kernel()
 def find_bands(cells, phi, history, boxes, on_band, limits, surveys, lost):
     """Do what `find_band` does for several cells; `lost` (N,) is updated with what it returns."""
-    for k in prange(cells.shape[0]):
+    for k in range(cells.shape[0]):
         lost[cells[k]] += find_band(cells[k], phi, history, boxes, on_band, limits, surveys)
 
 
