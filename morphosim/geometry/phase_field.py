@@ -1,7 +1,6 @@
 """From shapes to phase fields on the lattice."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,9 +151,9 @@ def check_memory(what: str, kept: float, point_bytes: int, largest: float, spaci
     needed = point_bytes * kept + START_BYTES * largest
     if needed > memory():
         message = (
-            f"{what} {kept or largest:.3g} lattice points at numerics.spacing = {spacing:g} µm, at least "
-            f"{needed / 1e9:.3g} GB of memory; there are {memory() / 1e9:.3g} GB. Take a "
-            "coarser spacing, or smaller cells"
+            f"{what} {kept or largest:.3g} lattice points at numerics.spacing = {spacing:g} µm, "
+            f"at least {needed / 1e9:.3g} GB of memory; there are {memory() / 1e9:.3g} GB. Take "
+            "a coarser spacing, or smaller cells"
         )
         raise ValueError(message)
 
