@@ -15,13 +15,13 @@ from xarray.core.indexing import LazilyIndexedArray
 
 from morphosim import _shown, _validate
 from morphosim.cell_field import CellField
-from morphosim.measure.label_image import label_image
+from morphosim.measure.label_image import labels_within
 from morphosim.measure.motion import trajectory
 from morphosim.measure.surfaces import SURFACE, Surface, cell_surface
 from morphosim.runs.reader import read_run
 from morphosim.runs.saved_fields import (
     SavedBoxes,
-    load_fields,
+    each_field,
     save_count,
     saved_boxes,
     spacing,
@@ -372,7 +372,7 @@ class MorphoAccessor:
     def _made_labels(self, save: int) -> NDArray[np.int32]:
         """Label image of a save from its fields."""
         boxes = saved_boxes(self._run, save)
-        _, labels = label_image(load_fields(self._run, save))
+        labels = labels_within(each_field(self._run, save), boxes.low, boxes.extent)
         return np.asarray(np.append(0, boxes.cell + 1).astype(np.int32)[labels])
 
     def _box(self, cell: str, save: int) -> tuple[SavedBoxes, int]:

@@ -44,6 +44,23 @@ def memory() -> float:
     return float(min(found))
 
 
+def check_memory(what: str, needed: float, advice: str) -> None:
+    """Raise ValueError if something does not fit into memory, before it is made.
+
+    Parameters
+    ----------
+    what : what takes it, in words
+    needed : bytes
+    advice : what to try
+    """
+    if needed > memory():
+        message = (
+            f"{what} would take {needed / 1e9:.3g} GB of memory; there are "
+            f"{memory() / 1e9:.3g} GB: {advice}"
+        )
+        raise ValueError(message)
+
+
 def machine() -> dict[str, Any]:
     """Processor, system, library versions, and what BLAS and OpenMP run on."""
     from threadpoolctl import threadpool_info

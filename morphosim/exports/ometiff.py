@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from morphosim.accessor import MorphoAccessor
-from morphosim.measure.label_image import MOST_POINTS
+from morphosim.measure.label_image import MOST_POINTS, check_size
 from morphosim.progress import Tell
 from morphosim.runs.saved_fields import spacing
 from morphosim.runs.views import block
@@ -61,6 +61,7 @@ def _common_block(
             f"{len(saves)} saves, is too large; choose fewer times, or cells that are nearer"
         )
         raise ValueError(message)
+    check_size(shapes[shapes.prod(axis=1).argmax()], "choose other times")  # of one save at once
     return low, shape
 
 

@@ -17,10 +17,10 @@ import xarray as xr
 from morphosim.accessor import MorphoAccessor
 from morphosim.cell_field import CellField
 from morphosim.errors import warn
-from morphosim.measure.label_image import MOST_POINTS
+from morphosim.measure.label_image import check_size
 from morphosim.measure.surfaces import cell_surface
 from morphosim.progress import Tell
-from morphosim.runs.saved_fields import load_fields, spacing, variable
+from morphosim.runs.saved_fields import each_field, spacing, variable
 from morphosim.runs.views import block
 
 PER_TRIANGLE = ("volume", "surface_area")
@@ -33,7 +33,7 @@ def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) ->
     Warns
     -----
     UserWarning
-        The cells are so far apart that a label image would be too large; there are none then.
+        A label image would be too large; there are none then.
     """
     times = {save: float(run["time"].values[save]) for save in saves}
     types, with_labels = _types(run), _labels_fit(run, saves)
@@ -54,14 +54,13 @@ def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) ->
 
 
 def _labels_fit(run: xr.Dataset, saves: Sequence[int]) -> bool:
-    points = max(np.prod(block(run, save)[1], dtype=float) for save in saves)
-    if points > MOST_POINTS:
-        message = (
-            f"labels.pvd is not written: a label image would have {points:.2g} points, as the "
-            "cells are far apart"
-        )
-        warn(message)
-    return bool(points <= MOST_POINTS)
+    shapes = [block(run, save)[1] for save in saves]
+    try:
+        check_size(max(shapes, key=lambda shape: np.prod(shape, dtype=float)), "choose other times")
+    except ValueError as error:
+        warn(f"labels.pvd is not written: {error}")
+        return False
+    return True
 
 
 def _types(run: xr.Dataset) -> list[str]:
@@ -79,7 +78,7 @@ def _write_cells(run: xr.Dataset, folder: Path, save: int, types: Sequence[str])
     known = [name for name in PER_TRIANGLE if name in run]
     rows = {name: variable(run, name, "time", "cell")[save].values for name in known}
     files: dict[str, Path] = {}
-    for field in load_fields(run, save):
+    for field in each_field(run, save):
         k = places[field.name]
         kind = str(kinds[k])
         values = {"label": np.int32(k + 1), "type": np.int32(types.index(kind))}

@@ -9,7 +9,7 @@ import xarray as xr
 
 from morphosim.measure.surfaces import Surface, cell_surface
 from morphosim.progress import Tell
-from morphosim.runs.saved_fields import load_fields, spacing
+from morphosim.runs.saved_fields import each_field, spacing
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = b"MorphoSim surface, um"
@@ -23,7 +23,7 @@ def write(run: xr.Dataset, directory: Path, saves: Sequence[int], tell: Tell) ->
     paths = []
     for done, save in enumerate(saves, 1):
         folder = directory / f"t_{float(run['time'].values[save]):.12g}"
-        for field in load_fields(run, save):
+        for field in each_field(run, save):
             surface = cell_surface(field, spacing(run))
             if len(surface.faces):
                 folder.mkdir(exist_ok=True)

@@ -1,15 +1,18 @@
 """Label images: which cell is where."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
+from morphosim.provenance import check_memory
 
 INSIDE = 0.5
 """A point belongs to the cell of largest φ, if that (or the sum of all φ) exceeds this."""
 MOST_POINTS = 1 << 31
+POINT_BYTES = 8
+"""Bytes that a point of an image takes while it is made."""
 
 
 def label_image(
@@ -33,14 +36,29 @@ def label_image(
     Raises
     ------
     ValueError
-        There are no fields, or the image would have more than 2³¹ points.
+        There are no fields, or the image would have more than 2³¹ points, or more than fit into
+        memory.
     """
     if not fields:
         message = "there are no fields to make a label image of"
         raise ValueError(message)
     low = np.min([f.origin for f in fields], axis=0)
     shape = np.max([f.origin + f.phi.shape for f in fields], axis=0) - low
-    check_size(shape, "make one of cells that are nearer to each other")
+    return low, labels_within(fields, low, shape, filled=filled)
+
+
+def labels_within(
+    fields: Iterable[CellField],
+    low: NDArray[np.int64],
+    shape: NDArray[np.int64],
+    *,
+    filled: bool = False,
+) -> NDArray[np.int32]:
+    """Label image of the block of this first point and shape, which holds all boxes.
+
+    Each field is looked at once, so that they need not all be in memory; see `label_image`.
+    """
+    check_size(shape, "make one of cells that are nearer to each other", POINT_BYTES + 4 * filled)
     labels = np.zeros(shape, np.int32)
     largest = np.full(shape, 0 if filled else INSIDE, np.float32)
     total = np.zeros(shape if filled else 0, np.float32)
@@ -55,12 +73,14 @@ def label_image(
             total[place] += field.phi
     if filled:
         labels[total <= INSIDE] = 0
-    return low, labels
+    return labels
 
 
-def check_size(shape: NDArray[np.int64], advice: str) -> None:
-    """Raise ValueError if an image of this shape would have more than `MOST_POINTS` points."""
+def check_size(shape: NDArray[np.int64], advice: str, point_bytes: int = POINT_BYTES) -> None:
+    """Raise ValueError if an image of this shape is beyond `MOST_POINTS`, or the memory."""
     if np.prod(shape, dtype=float) > MOST_POINTS:
         size = " x ".join(map(str, shape))
         message = f"a label image of {size} points is too large; {advice}"
         raise ValueError(message)
+    what = f"a label image of {' x '.join(map(str, shape))} points"
+    check_memory(what, point_bytes * float(np.prod(shape, dtype=float)), advice)

@@ -1,6 +1,6 @@
 """Values of many files as one array that is read when it is used."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,10 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from morphosim._files import guarded
+from morphosim.provenance import check_memory
+
+MOST_AT_ONCE = 1 << 22
+"""Variables of a run with more values are read when they are used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,3 +88,60 @@ def chained(segments: Sequence[Segment]) -> Any:
     """Lazy array of segments, for a variable of a Dataset."""
     kinds = [segment.read(slice(0, 1)).dtype for segment in (segments[0], segments[-1])]
     return indexing.LazilyIndexedArray(Chain(segments, np.result_type(*kinds)))
+
+
+class Stack(BackendArray):
+    """Values of all saves, of which only those are put together that are asked for.
+
+    Parameters
+    ----------
+    shape : of the whole, time first
+    dtype : of the values
+    at : function
+        Gives those of one save.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: np.dtype[Any], at: Callable[[int], NDArray[Any]]
+    ) -> None:  # fmt: skip
+        self.shape, self.dtype, self._at = shape, dtype, at
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.OUTER, self._get
+        )
+
+    def _get(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        saves = np.arange(self.shape[0])[key[0]]
+        shape = (np.size(saves), *self.shape[1:])
+        check_memory(
+            f"a variable of shape {shape}", np.prod(shape, dtype=float) * self.dtype.itemsize,
+            "select times first, as in isel(time=-1)",
+        )  # fmt: skip
+        if not np.ndim(saves):
+            return self._part(int(saves), key[1:])
+        parts = [self._part(save, key[1:]) for save in saves.tolist()]
+        if parts:
+            return np.stack(parts)
+        nothing = np.zeros((0, *self.shape[1:]), self.dtype)
+        return _outer(nothing, (slice(None), *key[1:]))
+
+    def _part(self, save: int, key: tuple[Any, ...]) -> NDArray[Any]:
+        return np.asarray(_outer(self._at(save), key))
+
+
+def _outer(values: NDArray[Any], key: tuple[Any, ...]) -> NDArray[Any]:
+    """Values at whole numbers, slices and arrays, each along its own axis."""
+    for axis in reversed(range(len(key))):
+        values = values[(slice(None),) * axis + (key[axis],)]
+    return values
+
+
+def stacked(
+    shape: tuple[int, ...], dtype: np.dtype[Any], at: Callable[[int], NDArray[Any]]
+) -> Any:  # fmt: skip
+    """Array of all saves for a variable of a Dataset; lazy if it is large."""
+    whole = Stack(shape, dtype, at)
+    if np.prod(shape, dtype=float) > MOST_AT_ONCE:
+        return indexing.LazilyIndexedArray(whole)
+    return whole[indexing.BasicIndexer((slice(None),) * len(shape))]

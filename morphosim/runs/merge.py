@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim._files import guarded
-from morphosim.measure.variable import Variable
-from morphosim.runs.lazy_concat import Segment, chained
+from morphosim.measure.variable import IN_SPACE, PER_TIME, Variable
+from morphosim.runs.lazy_concat import Segment, chained, stacked
 from morphosim.runs.netcdf_variables import PACKED_PHI, described
 from morphosim.runs.schema import (
     CONTACT_LIST,
@@ -28,6 +29,8 @@ LAZY = {name: group for group, held in GROUPS.items() for name in held if held[n
 MATRIX = "contact_area"
 MOST_IN_MATRIX = 1 << 27
 """Numbers of a run's matrix of contacts (512 MB); beyond, contacts are a list."""
+MOST_HELD = 1 << 15
+"""Numbers of a variable that a save keeps; more are read when they are used."""
 NEEDED = ("time", "step", "cell", "parent", "axis", "principal", "volume")
 """Variables without which a file is no save."""
 NEEDED_ATTRIBUTES = ("title", "source", "spacing_um", "error", "duration")
@@ -40,7 +43,9 @@ class Save:
 
     Attributes
     ----------
-    table : variables of the root, without the matrix of contacts
+    of_root : names of the variables of the root
+    table : these variables, without the matrix of contacts and without numbers of more values
+        than `MOST_HELD`, which `values` reads again
     groups : variables of the groups, without the lazy ones; contacts are a list in any case
     variables : what the file says of all of them
     matrix : whether contacts are a matrix in the file
@@ -50,6 +55,7 @@ class Save:
     """
 
     path: Path
+    of_root: Sequence[str]
     table: Table
     groups: Mapping[str, Table]
     variables: Mapping[str, Variable]
@@ -62,7 +68,7 @@ class Save:
     def read(cls, path: Path) -> "Save":
         """Read a save; ValueError that names the file if it is damaged, or no save."""
         save = guarded(path, lambda: cls._read(path))
-        check_complete(path, "save of a run", save.table, save.attributes)
+        check_complete(path, "save of a run", save.of_root, save.attributes)
         return save
 
     @classmethod
@@ -86,7 +92,8 @@ class Save:
                 table["parent"] = table["parent"][0]
             return cls(
                 path=path,
-                table=table,
+                of_root=list(table),
+                table={name: held for name, held in table.items() if _is_held(held)},
                 groups=groups,
                 variables=variables,
                 matrix=areas is not None,
@@ -97,6 +104,19 @@ class Save:
                 packed="fields" in file.groups and file["fields"]["phi"].dtype.kind == "i",
                 attributes={name: file.getncattr(name) for name in file.ncattrs()},
             )  # fmt: skip
+
+    def values(self, name: str) -> NDArray[Any]:
+        """Values of a variable of the root."""
+        if name in self.table:
+            return self.table[name]
+        return guarded(self.path, lambda: self._reread(name))
+
+    def _reread(self, name: str) -> NDArray[Any]:
+        import netCDF4
+
+        with netCDF4.Dataset(self.path) as file:
+            file.set_auto_mask(False)
+            return np.asarray(file[name][...])
 
     @property
     def cells(self) -> list[str]:
@@ -126,7 +146,19 @@ def check_complete(
 
 
 def _values(group: Any) -> Table:
-    return {name: v[...] for name, v in group.variables.items() if name not in LAZY}
+    read = {name: v[...] for name, v in group.variables.items() if name not in LAZY}
+    return {name: _shortened(v) if v.dtype.kind in "OU" else v for name, v in read.items()}
+
+
+def _shortened(texts: NDArray[Any]) -> NDArray[Any]:
+    """Texts without room for longer ones: files count the bytes of UTF-8."""
+    plain = texts.astype(str)
+    return plain.astype(f"U{max(int(np.char.str_len(plain).max(initial=1)), 1)}")
+
+
+def _is_held(values: NDArray[Any]) -> bool:
+    """Whether a save keeps what it has read, all of which has been read once to see it is whole."""
+    return values.size <= MOST_HELD or values.dtype.kind == "U"
 
 
 def merged(saves: Sequence[Save]) -> "xr.Dataset":
@@ -165,11 +197,13 @@ def with_coordinates(run: "xr.Dataset") -> "xr.Dataset":
     return run.set_coords([name for name in (*texts, *IN_GROUPS) if name in run.variables])
 
 
-def _tables(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], names: list[str]) -> Table:
-    """All variables that are not lazy, over all saves and these cells."""
-    table = {name: saves[0].table[name] for name in ("axis", "principal")}
+def _tables(
+    saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], names: list[str]
+) -> dict[str, Any]:
+    """All variables but those of `LAZY`, over all saves and these cells."""
+    table: dict[str, Any] = {name: saves[0].values(name) for name in ("axis", "principal")}
     table |= {"cell": np.array(names), "neighbour": np.array(names)}
-    for name in dict.fromkeys(name for save in saves for name in save.table):
+    for name in dict.fromkeys(name for save in saves for name in save.of_root):
         if name not in COORDINATES:
             table[name] = _stacked(name, saves, columns, len(names))
     if all(save.matrix for save in saves) and len(saves) * len(names) ** 2 <= MOST_IN_MATRIX:
@@ -199,23 +233,45 @@ def _encoding(saves: Sequence[Save]) -> dict[str, Any]:
 
 def _stacked(
     name: str, saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int
-) -> NDArray[Any]:
+) -> Any:
     """Variable of the root over all saves and cells; absent are NaN and ""."""
-    having = [save for save in saves if name in save.table]
+    having = [save for save in saves if name in save.of_root]
     _check_alike(name, having)
-    sizes = {"time": len(saves), "cell": count, "neighbour": count}
-    dims, first = having[0].variables[name].dims, having[0].table[name]
-    shape = [sizes.get(d, n) for d, n in zip(dims, first.shape, strict=True)]
-    dtype = np.result_type(*(save.table[name].dtype for save in having))
-    full = _absent(
-        shape, np.dtype(float) if dtype.kind == "i" and len(having) < len(saves) else dtype
+    variable, dtype = having[-1].variables[name], _common_type(name, having)
+    if dtype.kind == "i" and len(having) < len(saves):
+        dtype = np.dtype(float)
+    sizes = {"cell": count} | IN_SPACE
+    if variable.dims[:1] != PER_TIME:  # the mothers: of the last save that has the cell
+        full = _absent([sizes[d] for d in variable.dims], dtype)
+        for save, column in zip(saves, columns, strict=True):
+            if name in save.of_root:
+                full[column] = save.values(name)
+        return full
+    shape = [sizes[d] for d in variable.dims[1:]]
+    places = columns if variable.dims[1:2] == ("cell",) else [...] * len(saves)
+    at = partial(_values_at, name, saves, places, shape, dtype)
+    return stacked((len(saves), *shape), dtype, at)
+
+
+def _values_at(
+    name: str, saves: Sequence[Save], places: Sequence[Any], shape: Sequence[int],
+    dtype: np.dtype[Any], save: int,
+) -> NDArray[Any]:  # fmt: skip
+    """Values of one save, at the places of its cells."""
+    values = _absent(shape, dtype)
+    if name in saves[save].of_root:
+        values[places[save]] = saves[save].values(name)[0]
+    return values
+
+
+def _common_type(name: str, having: Sequence[Save]) -> np.dtype[Any]:
+    """Type that holds a variable of all these saves."""
+    return np.result_type(
+        *(
+            save.table[name].dtype if name in save.table else save.variables[name].kind
+            for save in having
+        )
     )
-    for k, (save, column) in enumerate(zip(saves, columns, strict=True)):
-        if name in save.table:
-            here = {"time": np.array([k]), "cell": column, "neighbour": column}
-            index = [here.get(d, np.arange(n)) for d, n in zip(dims, shape, strict=True)]
-            full[np.ix_(*index)] = save.table[name]
-    return full.astype(str) if full.dtype == object else full
 
 
 def _check_alike(name: str, having: Sequence[Save]) -> None:
@@ -233,8 +289,8 @@ def _check_alike(name: str, having: Sequence[Save]) -> None:
 
 def _absent(shape: Sequence[int], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Array of what stands for a cell, or a variable, that is not there."""
-    if dtype.kind in "OU":
-        return np.full(shape, "", dtype=object)
+    if dtype.kind == "U":
+        return np.full(shape, "", dtype)
     return np.full(shape, np.nan if dtype.kind == "f" else 0, dtype)
 
 
@@ -275,16 +331,23 @@ def _pairs(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]]) -> Table
     return table | pair
 
 
-def _matrix(
-    saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int
-) -> NDArray[Any]:
+def _matrix(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int) -> Any:
     """Contact areas of all saves: 0 between cells that do not touch, NaN of those not there."""
-    areas = _absent((len(saves), count, count), np.dtype(CONTACT_MATRIX[MATRIX].kind))
-    for area, save, column in zip(areas, saves, columns, strict=True):
-        area[np.ix_(column, column)] = 0
-        _, i, j, values = (save.groups["contacts"][name] for name in CONTACT_LIST)
-        area[column[i], column[j]] = area[column[j], column[i]] = values
-    return areas
+    kind = np.dtype(CONTACT_MATRIX[MATRIX].kind)
+    at = partial(_matrix_at, saves, columns, count, kind)
+    return stacked((len(saves), count, count), kind, at)
+
+
+def _matrix_at(
+    saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], count: int,
+    kind: np.dtype[Any], save: int,
+) -> NDArray[Any]:  # fmt: skip
+    """Contact areas of one save."""
+    column, area = columns[save], _absent((count, count), kind)
+    area[np.ix_(column, column)] = 0
+    _, i, j, values = (saves[save].groups["contacts"][name] for name in CONTACT_LIST)
+    area[column[i], column[j]] = area[column[j], column[i]] = values
+    return area
 
 
 def _chain(saves: Sequence[Save], columns: Sequence[NDArray[np.int64]], name: str) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from morphosim._files import guarded
 from morphosim.errors import DamageWarning, warn
 from morphosim.runs.directory import RunDirectory
+from morphosim.runs.lazy_concat import MOST_AT_ONCE
 from morphosim.runs.merge import LAZY, Save, check_complete, merged, with_coordinates
 from morphosim.runs.netcdf_variables import PACKED_PHI
 from morphosim.runs.save_facts import most_common
@@ -14,8 +15,6 @@ from morphosim.runs.save_facts import most_common
 if TYPE_CHECKING:
     import xarray as xr
 
-MOST_AT_ONCE = 1 << 22
-"""Variables of a packed run with more values are read when they are used."""
 SIGNATURES = (b"\x89HDF", b"CDF")
 """So begin netCDF files of version 4, and before."""
 

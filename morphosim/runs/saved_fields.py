@@ -1,6 +1,6 @@
 """Fields of a run: which boxes belong to a save, and their values."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
+from morphosim.provenance import check_memory
 
 CLOSE = 1e-6
 """Times this near to each other are the same."""
+MOST_READ = 1 << 23
+"""Values of fields that are read at once."""
 MOST_TOLD = 16
 """Times that an error lists."""
 SELECTION = (
@@ -91,9 +94,14 @@ class SavedBoxes:
         parts = np.split(values, starts[1:-1] - starts[0])
         return [part.reshape(n) for part, n in zip(parts, self.shape[first:stop], strict=True)]
 
-    def read_all(self) -> list[NDArray]:
-        """Read φ of all boxes at once."""
-        return self.read_some(0, len(self.cell))
+    def read_each(self) -> Iterator[NDArray]:
+        """Read φ of all boxes, so many at once as are `MOST_READ` values, or one."""
+        first = 0
+        while first < len(self.cell):
+            stop = int(np.searchsorted(self.start, self.start[first] + MOST_READ, side="right")) - 1
+            stop = max(stop, first + 1)
+            yield from self.read_some(first, stop)
+            first = stop
 
 
 def saved_boxes(run: xr.Dataset, save: int) -> SavedBoxes:
@@ -203,19 +211,41 @@ def load_fields(
     IndexError
         There is no such save.
     ValueError
-        The run was saved without fields, or the Dataset is a selection of a run.
+        The run was saved without fields, or the Dataset is a selection of a run. Or the fields do
+        not fit into memory.
     """
+    if cells is None:
+        boxes = saved_boxes(run, _checked(run, index))
+        values = int(boxes.start[-1] - boxes.start[0])
+        check_memory(
+            f"the fields of the {len(boxes.cell)} cells", values * boxes.phi.dtype.itemsize,
+            "take some of them by cells = [...]",
+        )  # fmt: skip
+        return list(each_field(run, index))
+    boxes = saved_boxes(run, _checked(run, index))
+    return [
+        CellField(name, boxes.origin[box], boxes.read(box))
+        for box, name in enumerate(_names(run, boxes))
+        if name in cells
+    ]
+
+
+def each_field(run: xr.Dataset, index: int) -> Iterator[CellField]:
+    """Fields of all cells at one save, one after the other; see `load_fields`."""
+    boxes = saved_boxes(run, _checked(run, index))
+    for field in zip(_names(run, boxes), boxes.origin, boxes.read_each(), strict=True):
+        yield CellField(*field)
+
+
+def _checked(run: xr.Dataset, index: int) -> int:
+    """Number of a save, from 0; IndexError if there is none."""
     count = save_count(run)
     if not -count <= index < count:
         message = f"index = {index}: the run has no such save; it has {count}, from 0 on"
         raise IndexError(message)
-    boxes = saved_boxes(run, index % count)
-    names = [str(name) for name in variable(run, "cell", "cell").values[boxes.cell]]
-    if cells is None:
-        values = boxes.read_all()
-        return [CellField(*field) for field in zip(names, boxes.origin, values, strict=True)]
-    return [
-        CellField(name, boxes.origin[box], boxes.read(box))
-        for box, name in enumerate(names)
-        if name in cells
-    ]
+    return index % count
+
+
+def _names(run: xr.Dataset, boxes: SavedBoxes) -> list[str]:
+    """Names of the cells of boxes."""
+    return [str(name) for name in variable(run, "cell", "cell").values[boxes.cell]]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+from morphosim.provenance import check_memory
 from morphosim.runs.saved_fields import SELECTION, SavedBoxes, check_saves, saved_boxes, variable
 
 
@@ -145,6 +146,11 @@ class FullFields(BackendArray):
         """Values at an outer key of whole numbers, slices and arrays."""
         places = [np.arange(n)[k] for n, k in zip(self.shape, key, strict=True)]
         cells, *points = (np.atleast_1d(place) for place in places)
+        check_memory(
+            f"fields of {len(cells)} cells on {' x '.join(str(len(p)) for p in points)} points",
+            float(np.prod([len(cells), *map(len, points)], dtype=float)) * self.dtype.itemsize,
+            "select cells, or a plane, before taking values",
+        )
         out = np.zeros((len(cells), *map(len, points)), self.dtype)
         for k, cell in enumerate(cells):
             if (box := self._of_cell.get(int(cell))) is not None:

@@ -1,5 +1,6 @@
 """One Dataset of all saves, of cells that come and go, read lazily, packed into one file."""
 
+import pickle
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -18,13 +19,16 @@ from morphosim import (
     Scene,
     Simulation,
     Sphere,
+    label_image,
     load_fields,
     open_run,
     pack,
+    provenance,
 )
 from morphosim.errors import DamageWarning
 from morphosim.runs import lazy_concat as lazy
-from morphosim.runs import merge, netcdf_variables, save_file
+from morphosim.runs import merge, netcdf_variables, save_file, saved_fields
+from morphosim.runs.saved_fields import each_field
 from morphosim.runs.schema import CONTACT_MATRIX
 
 from ..helpers import adopt_save
@@ -287,3 +291,74 @@ def test_saves_of_another_run_and_copies_are_left_out(tmp_path: Path) -> None:
     with run:
         assert run["time"].values.tolist() == [0, 4]
         assert run["cell"].values.tolist() == list("abc")
+
+
+def eager_and_lazy(path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[xr.Dataset, xr.Dataset]:
+    """A run opened as a small one, and as one of many cells and saves."""
+    whole = open_run(path).load()
+    monkeypatch.setattr(lazy, "MOST_AT_ONCE", 0)
+    monkeypatch.setattr(merge, "MOST_HELD", 1)
+    return whole, open_run(path)
+
+
+def test_large_variables_are_read_when_used_to_the_same_values(
+    changing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, run = eager_and_lazy(changing, monkeypatch)
+    assert not run["volume"].variable._in_memory
+    assert not run["contact_area"].variable._in_memory
+    assert run.identical(whole)
+    for part in ({"time": -1}, {"time": [1, 0], "cell": [3, 1]}, {"time": slice(0, 0)}):
+        assert run.isel(part).identical(whole.isel(part))
+    axes = {"time": 1, "cell": slice(1, 3), "axis": [2, 0]}
+    assert run["centroid"].isel(axes).identical(whole["centroid"].isel(axes))
+    assert pickle.loads(pickle.dumps(run)).identical(whole)
+
+
+def test_a_save_that_is_gone_is_named_when_it_is_used(
+    changing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, run = eager_and_lazy(changing, monkeypatch)
+    (changing / "save-000001.nc").unlink()
+    assert np.isfinite(run["volume"][0].values).sum() == 3
+    with pytest.raises((OSError, ValueError), match=r"save-000001\.nc"):
+        run["volume"].load()
+
+
+def test_values_beyond_memory_are_told_before_they_are_read(
+    changing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, run = eager_and_lazy(changing, monkeypatch)
+    monkeypatch.setattr(provenance, "memory", lambda: 100.0)
+    with pytest.raises(ValueError, match=r"shape \(2, 4, 3\) would take .* select times first"):
+        run["centroid"].load()
+    with pytest.raises(ValueError, match=r"fields of the 3 cells would take .* cells = "):
+        load_fields(run, -1)
+    with pytest.raises(ValueError, match=r"label image of .* points would take .* GB"):
+        label_image(simulation("a").fields)
+    with pytest.raises(ValueError, match=r"fields of 4 cells on .* select cells, or a plane"):
+        run.morpho.full().load()
+
+
+def test_fields_are_read_in_pieces_to_the_same_values(
+    changing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = open_run(changing)
+    whole = load_fields(run, -1)
+    points = [field.phi.size for field in whole]
+    for most in (1, points[0] + 1, sum(points[:2]), sum(points)):
+        monkeypatch.setattr(saved_fields, "MOST_READ", most)
+        for field, same in zip(each_field(run, -1), whole, strict=True):
+            assert field.name == same.name
+            np.testing.assert_array_equal(field.phi, same.phi)
+            np.testing.assert_array_equal(field.origin, same.origin)
+
+
+def test_opening_holds_no_table_of_all_saves(
+    changing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One save more costs what it says of itself, and none of its numbers."""
+    _, run = eager_and_lazy(changing, monkeypatch)
+    numbers = [v for v in run.data_vars.values() if v.dims[:2] == ("time", "cell")]
+    assert all(not v.variable._in_memory for v in numbers if v.dtype.kind == "f")
+    assert not any("volume" in merge.Save.read(path).table for path in changing.glob("*.nc"))
