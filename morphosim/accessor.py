@@ -5,6 +5,7 @@ Importing this module makes every xarray Dataset have it; it is meant for those 
 
 import difflib
 import html
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from morphosim.cell_field import CellField
 from morphosim.measure.label_image import labels_within
 from morphosim.measure.motion import trajectory
 from morphosim.measure.surfaces import SURFACE, Surface, cell_surface
+from morphosim.runs import tissue
 from morphosim.runs.reader import read_run
 from morphosim.runs.saved_fields import (
     SavedBoxes,
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from morphosim.pictures.painter import Panel
     from morphosim.pictures.show import Page
 
+Times = float | Sequence[float] | NDArray[np.float64] | xr.DataArray | None
 MOST_NEAR_NAMES = 8
 PHI = {"units": "1", "long_name": "phase field"}
 HELD = {"phi": "fields", "label": "label images", "contact_time": "a list of contacts"}
@@ -259,6 +262,131 @@ class MorphoAccessor:
         }
         return xr.Dataset({"position": position.variable, **table}, position.coords)
 
+    def growth(self) -> xr.Dataset:
+        """Growth curve, along `time`.
+
+        Returns
+        -------
+        Dataset
+            `cells`, how many there are; `volume` and `target_volume` of all of them, µm³; and
+            `growth_rate`, d ln(volume) / dt per *in silico* time; ln 2 over it is the time in which
+            the volume doubles.
+        """
+        return tissue.growth(self._run)
+
+    def pair_correlation(
+        self, time: Times = None, *, bins: int = 50, furthest: float | None = None
+    ) -> xr.Dataset:
+        """Pair correlation g(r) of the cells' centres.
+
+        The number of pairs of cells at a distance, over what it would be if cells were anywhere
+        in the tissue; 1 where they do not know of each other. A tissue ends, so of each shell
+        around a cell only that part counts which lies within (Ripley's correction of edges, [1]_).
+        The tissue is the convex hull of the centres, its sides moved outwards until it has the
+        volume of all cells. Where centres lie in a plane, as those of one layer of cells, g is of
+        distances in that plane, and the sides are moved by half the spacing of cells. In a tissue
+        that is denser in its middle, g stays above 1 up to about the tissue's size.
+
+        Parameters
+        ----------
+        time : float, or several, optional
+            With several, the result is along `time`.
+        bins : int
+        furthest : float, optional
+            Greatest distance, µm; by default that of five cells, cubes of the mean volume.
+
+        Returns
+        -------
+        Dataset
+            Along `distance`, the middles of the bins in µm, `g` and `pairs`, the number of pairs;
+            1/√pairs is about the relative error of g by chance. NaN where there are too few cells
+            to span a tissue, fewer than four, and at distances beyond its size.
+
+        References
+        ----------
+        .. [1] Ripley, "Modelling spatial patterns", J. R. Stat. Soc. B 39, 172-212 (1977).
+        """
+        return self._at(time, tissue.pair_correlations, bins, furthest)
+
+    def neighbour_distribution(
+        self, time: Times = None, *, inner: bool = False, least_area: float = 0.0
+    ) -> xr.Dataset:
+        """How many cells have how many neighbours, and the mean of that.
+
+        In a packed sheet whose cells meet in threes the mean is 6 (Euler). In space it is 14 for
+        Kelvin's cells, 13.7 for random foams of equal cells [1]_ and 2 + 48π²/35 = 15.54 for
+        Voronoi cells of random points [2]_.
+
+        Parameters
+        ----------
+        time : float, or several, optional
+            With several, the result is along `time`.
+        inner : bool
+            Leave out cells at the free surface, which have fewer: those less deep in the tissue
+            (see `pair_correlation`) than the size of a cell.
+        least_area : float
+            Contacts of a smaller area, in µm², are left out.
+
+        Returns
+        -------
+        Dataset
+            Along `neighbours`, from 0 on, `share` of the cells; besides `mean` and `cells`, the
+            number of cells that it is of. NaN where there are none.
+
+        References
+        ----------
+        .. [1] Kraynik, Reinelt & van Swol, "Structure of random monodisperse foam", Phys. Rev. E
+           67, 031403 (2003); of soap, Matzke, Am. J. Bot. 33, 58-80 (1946): 13.70.
+        .. [2] Meijering, Philips Res. Rep. 8, 270-290 (1953).
+        """
+        return self._at(time, tissue.neighbour_distribution, inner, least_area)
+
+    def profile(
+        self, name: str, time: Times = None, *, against: str = "radius", bins: int = 8
+    ) -> xr.Dataset:
+        """Profile of a variable of cells, such as "pressure" or "age", through the tissue.
+
+        Parameters
+        ----------
+        name : str
+            A number that the run has per time and cell.
+        time : float, or several, optional
+            With several, the result is along `time`.
+        against : {"radius", "depth"}
+            Distance from the centre of the cell's aggregate, `radial_position`; or from the free
+            surface of the tissue (see `pair_correlation`).
+        bins : int
+            Of the same width, from 0 to the greatest distance.
+
+        Returns
+        -------
+        Dataset
+            Along `radius` or `depth`, the middles of the bins in µm: `mean` and `std` of the
+            variable over the cells there, NaN where there are none, and `cells`, their number.
+        """
+        return self._at(time, tissue.profile, name, against, bins)
+
+    def clones(self, time: Times = None, *, since: float | None = None) -> xr.Dataset:
+        """Clones: all cells that stem from one.
+
+        Parameters
+        ----------
+        time : float, or several, optional
+            With several, the result is along `time`.
+        since : float, optional
+            Cells of the save nearest to this time are the ancestors of one clone each; by default
+            those of the first save.
+
+        Returns
+        -------
+        Dataset
+            Along `clone`, which has the names of the ancestors, `cells`, their number, `volume` in
+            µm³ and `pieces`, in how many groups of cells in contact the clone lies. Along `cell`
+            `clone_of`, the ancestor of each cell of the run, or "" where there is none.
+        """
+        ancestors = 0 if since is None else self.save_number(since)
+        return self._at(time, tissue.clones, ancestors)
+
     def plot(self, time: float | None = None, **options: Any) -> "Figure":
         """Figure of the cells and their contacts, see `morphosim.pictures.plot.plot`."""
         from morphosim.pictures.plot import plot
@@ -294,6 +422,17 @@ class MorphoAccessor:
             The nearest is further away than half the time between saves there.
         """
         return time_index(self._run, time)
+
+    def _at(self, time: Times, figure: Callable[..., xr.Dataset], *options: Any) -> xr.Dataset:
+        """A figure of the tissue at one time, or along several."""
+        if time is None or np.ndim(time) == 0:
+            one = None if time is None else np.asarray(time).item()
+            return figure(self._run, [self.save_number(one)], *options).isel(time=0)
+        saves = sorted({self.save_number(each) for each in np.ravel(time).tolist()})
+        if not saves:
+            message = "time is empty; give at least one, or None for the last"
+            raise ValueError(message)
+        return figure(self._run, saves, *options)
 
     def _facts(self) -> list[str]:
         """What the run is, in a few lines; also of a selection, or of another Dataset."""

@@ -53,7 +53,7 @@ def full_disk() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def run() -> xr.Dataset:
     run = made_run([PAIR] * 60, {("low", "high"): 1.0})
-    return run.assign(centroid=run["box_low"])
+    return run.assign(centroid=run["box_low"], radial_position=run["volume"])
 
 
 @pytest.fixture(scope="module")

@@ -32,9 +32,10 @@ def export(
     directory : path
         Made if it does not exist; must be empty, unless `overwrite`. The files appear in it when
         all are written.
-    to : {"vtk", "stl", "ome-tiff", "csv"}
+    to : {"vtk", "stl", "ome-tiff", "csv", "tissue"}
         Surfaces of cells and label images for ParaView, which needs PyVista; surfaces as binary
-        STL; label images as one OME-TIFF series; tables.
+        STL; label images as one OME-TIFF series; tables of cells, contacts and saves; tables of
+        growth, pair correlation, neighbours, profiles and clones.
     times : numbers, optional
         The saves nearest to these. By default all, for "stl" the last.
     tell : callable, optional

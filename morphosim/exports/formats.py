@@ -32,4 +32,5 @@ FORMATS = {
     "stl": Format(module="stl", title="surfaces (STL)", last_only=True),
     "ome-tiff": Format(module="ometiff", title="label images (OME-TIFF)"),
     "csv": Format(module="tables", title="tables (CSV)"),
+    "tissue": Format(module="tissue", title="figures of a tissue (CSV)"),
 }

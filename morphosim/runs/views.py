@@ -62,28 +62,49 @@ def block(run: xr.Dataset, save: int) -> tuple[NDArray[np.int64], NDArray[np.int
 def contacts(run: xr.Dataset, save: int) -> list[tuple[str, str, float]]:
     """Names and area in µm² of each pair of cells that touch at a save.
 
-    From `contact_area` (then each pair occurs in both orders), or beyond a number of cells from
-    the list along `contact`.
+    From a matrix of areas each pair occurs in both orders, where the run has both of its cells.
     """
     names = variable(run, "cell", "cell").values.astype(str)
-    if "contact_area" in run or "contact_time" not in run:
-        areas = variable(run, "contact_area", "time", "cell", "neighbour")[save].values
-        i, j = np.nonzero(np.nan_to_num(areas) > 0)
+    if _has_matrix(run):
+        i, j, area = _matrix_entries(run, save)
         others = run["neighbour"].values.astype(str)
-        return _pairs(names[i], others[j], areas[i, j])
+        return list(zip(names[i].tolist(), others[j].tolist(), area.tolist(), strict=True))
+    pairs, area = contact_places(run, save)
+    return [(a, b, s) for (a, b), s in zip(names[pairs].tolist(), area.tolist(), strict=True)]
+
+
+def contact_places(run: xr.Dataset, save: int) -> tuple[NDArray[np.int64], NDArray[np.floating]]:
+    """Places in `cell`, (P, 2), and area in µm² of each pair of cells that touch at a save.
+
+    From `contact_area`, or beyond a number of cells from the list along `contact`.
+    """
+    if _has_matrix(run):
+        i, j, area = _matrix_entries(run, save)
+        place = variable(run, "cell", "cell").to_index().get_indexer(run["neighbour"].values)
+        once = i < place[j]  # else it is the other order, or the run is without that cell
+        return np.stack([i, place[j]], axis=1)[once], area[once]
     saves, i, j, area = (
         variable(run, f"contact_{name}", "contact").values
         for name in ("time", "cell", "neighbour", "pair_area")
     )
     check_saves(run, saves)
-    if max(i.max(initial=-1), j.max(initial=-1)) >= len(names):
+    if max(i.max(initial=-1), j.max(initial=-1)) >= run.sizes["cell"]:
         raise ValueError(SELECTION)
-    now = saves == save
-    return _pairs(names[i[now]], names[j[now]], area[now])
+    now = slice(*np.searchsorted(saves, (save, save + 1)))
+    return np.stack([i[now], j[now]], axis=1), area[now]
 
 
-def _pairs(a: NDArray, b: NDArray, area: NDArray) -> list[tuple[str, str, float]]:
-    return list(zip(a.tolist(), b.tolist(), area.tolist(), strict=True))
+def _has_matrix(run: xr.Dataset) -> bool:
+    return "contact_area" in run or "contact_time" not in run
+
+
+def _matrix_entries(
+    run: xr.Dataset, save: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]:
+    """Places in `cell` and in `neighbour`, and areas, of cells that touch at a save."""
+    areas = variable(run, "contact_area", "time", "cell", "neighbour")[save].values
+    i, j = np.nonzero(np.nan_to_num(areas) > 0)
+    return i, j, areas[i, j]
 
 
 def cell_columns(run: xr.Dataset, save: int) -> dict[str, NDArray[Any]]:
