@@ -3,7 +3,7 @@
 The palette is that of Okabe and Ito (https://jfly.uni-koeln.de/color/).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -128,20 +128,34 @@ def colours_of_saves(
 
     For the parameters and errors see `cell_colours`.
     """
+    return [*map(colouring_by_save(run, saves, by, colours), saves)]
+
+
+def colouring_by_save(
+    run: "xr.Dataset",
+    saves: Sequence[int],
+    by: str = "cell",
+    colours: Mapping[str, object] | None = None,
+) -> Callable[[int], Colouring]:
+    """What gives `colours_of_saves` save by save, for a film of more cells than fit at once."""
     _validate.choice("by", by, dict.fromkeys((*BY, *measures(run))))
     if by not in TITLES:
-        return (_by_volume if by == "volume" else _by_measure)(run, saves, by, colours)
+        return (_by_volume if by == "volume" else _by_measure)(run, by, colours)
     make = {"cell": _of_cells, "type": _of_types, "stage": _of_stages, "lineage": _of_founders}
     of_cells, palette = make[by](run)
     _recolour(palette, colours or {}, by)
-    names = _names(run)
-    groups = [dict(zip(names, of_cells[save].tolist(), strict=True)) for save in saves]
-    there = [living(run, save) for save in saves]
-    shown = {of[name] for of, names in zip(groups, there, strict=True) for name in names}
-    return [
-        _with_legend(by, {name: palette[of[name]] for name in names}, shown, palette)
-        for of, names in zip(groups, there, strict=True)
-    ]
+
+    def groups(save: int) -> list[str]:
+        return [str(group) for group in of_cells[save][_there(run, save)]]
+
+    def of_save(save: int) -> Colouring:
+        cells = dict(
+            zip(living(run, save), (palette[group] for group in groups(save)), strict=True)
+        )
+        return _with_legend(by, cells, shown, palette)
+
+    shown = {group for save in saves for group in groups(save)}
+    return of_save
 
 
 def key_colours(colouring: Colouring) -> list[RGB]:
@@ -160,8 +174,12 @@ def _recolour(palette: dict[str, RGB], colours: Mapping[str, object], by: str) -
 
 def living(run: "xr.Dataset", save: int) -> list[str]:
     """Names of the cells of a save, in the order of `run.cell`."""
-    there = np.isfinite(variable(run, "volume", "time", "cell")[save].values)
-    return [str(name) for name in variable(run, "cell", "cell").values[there]]
+    return [str(name) for name in variable(run, "cell", "cell").values[_there(run, save)]]
+
+
+def _there(run: "xr.Dataset", save: int) -> NDArray[np.bool_]:
+    """Which cells of the run are there at a save."""
+    return np.asarray(np.isfinite(variable(run, "volume", "time", "cell")[save].values))
 
 
 def type_colours(run: "xr.Dataset") -> dict[str, RGB]:
@@ -217,8 +235,8 @@ def measures(run: "xr.Dataset") -> list[str]:
 
 
 def _by_measure(
-    run: "xr.Dataset", saves: Sequence[int], by: str, colours: Mapping[str, object] | None
-) -> list[Colouring]:
+    run: "xr.Dataset", by: str, colours: Mapping[str, object] | None
+) -> Callable[[int], Colouring]:
     """Values of a variable on the scale of all saves; grey where there is none."""
     _refuse_colours(by, colours)
     values, units = run[by].values.astype(float), run[by].attrs.get("units", "1")
@@ -228,7 +246,7 @@ def _by_measure(
         low, high = low - 0.5, high + 0.5
     scale = Scale(low, high, SEQUENTIAL, _round_marks(low, high, bool((known % 1 == 0).all())))
     title = by.replace("_", " ") + (f", {UNITS.get(units, units)}" if units != "1" else "")
-    return _on_scale(run, saves, by, title, scale, values)
+    return _on_scale(run, by, title, scale, values)
 
 
 def _round_marks(low: float, high: float, whole: bool) -> list[tuple[float, str]]:
@@ -246,23 +264,21 @@ def _refuse_colours(by: str, colours: Mapping[str, object] | None) -> None:
 
 
 def _on_scale(
-    run: "xr.Dataset", saves: Sequence[int], by: str, title: str, scale: Scale,
-    values: NDArray[np.float64],
-) -> list[Colouring]:  # fmt: skip
+    run: "xr.Dataset", by: str, title: str, scale: Scale, values: NDArray[np.float64]
+) -> Callable[[int], Colouring]:
     """Colours of values (saves, cells) on a scale; grey where there is none."""
-    names, places = _names(run), (values - scale.low) / (scale.high - scale.low)
-    made = []
-    for save in saves:
-        there, place = living(run, save), dict(zip(names, places[save].tolist(), strict=True))
-        shades = blended(scale.stops, np.array([place[name] for name in there]))
-        colours = dict(zip(there, shades, strict=True))
-        made.append(Colouring(by, title, colours, scale=scale))
-    return made
+
+    def of_save(save: int) -> Colouring:
+        places = (values[save][_there(run, save)] - scale.low) / (scale.high - scale.low)
+        shades = dict(zip(living(run, save), blended(scale.stops, places), strict=True))
+        return Colouring(by, title, shades, scale=scale)
+
+    return of_save
 
 
 def _by_volume(
-    run: "xr.Dataset", saves: Sequence[int], by: str, colours: Mapping[str, object] | None
-) -> list[Colouring]:
+    run: "xr.Dataset", by: str, colours: Mapping[str, object] | None
+) -> Callable[[int], Colouring]:
     """Relative error of the volumes, in %; grey where there is no target."""
     _refuse_colours(by, colours)
     target = variable(run, "target_volume", "time", "cell").values
@@ -272,7 +288,7 @@ def _by_volume(
     marks = (-high, -high / 2, 0.0, high / 2, high)
     ticks = [(mark, f"{mark:+g}".replace("-", "−") if mark else "0") for mark in marks]
     scale = Scale(-high, high, DIVERGING, ticks)
-    return _on_scale(run, saves, by, "volume error, %", scale, errors)
+    return _on_scale(run, by, "volume error, %", scale, errors)
 
 
 def _round_up(value: float) -> float:

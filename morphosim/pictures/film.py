@@ -13,7 +13,7 @@ from morphosim import _validate
 from morphosim._extras import need
 from morphosim._files import replacing, writable
 from morphosim.pictures.camera import View, checked_pixels, directions, swept, turned
-from morphosim.pictures.colours import colours_of_saves, key_colours
+from morphosim.pictures.colours import colouring_by_save, key_colours
 from morphosim.pictures.cut import read_cut
 from morphosim.pictures.gif import write_gif
 from morphosim.pictures.lettering import inches_wide
@@ -145,19 +145,18 @@ def film(
         [title(run, float(run["time"].values[save])) for save in saves],
     )  # fmt: skip
 
-    shown = sorted(set(saves))
-    colourings = dict(zip(shown, colours_of_saves(run, shown, by, colours), strict=True))
+    colouring = colouring_by_save(run, sorted(set(saves)), by, colours)
 
     def look(save: int) -> Sight:
         time = float(run["time"].values[save])
-        return sight(run, time, colourings[save], mirror, around, placed)
+        return sight(run, time, colouring(save), mirror, around, placed)
 
     with replacing(target) as partial, closing(_frames(saves, look, shooting)) as frames:
         told = _told(frames, len(saves), tell)
         if target.suffix.lower() == ".mp4":
             _write_mp4(partial, told, shooting.size, fps)
         else:
-            write_gif(partial, told, shooting.size, fps, key_colours(colourings[saves[0]]))
+            write_gif(partial, told, shooting.size, fps, key_colours(colouring(saves[0])))
 
 
 def _saves(run: "xr.Dataset", times: Iterable[float] | None) -> list[int]:

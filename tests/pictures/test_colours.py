@@ -1,9 +1,12 @@
 """Colours: the same in every save, apart where cells touch, and what a legend says."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
+import xarray as xr
 
-from morphosim.pictures.colours import cell_colours
+from morphosim.pictures.colours import cell_colours, colouring_by_save
 from morphosim.pictures.lineages import founders
 from morphosim.pictures.palettes import GREY, interpolated, rgb
 
@@ -134,3 +137,29 @@ def test_mothers_that_go_round_in_a_circle_end() -> None:
 def test_errors(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         cell_colours(made_run([PAIR]), **options)
+
+
+@pytest.mark.parametrize("by", ["pressure", "volume", "type", "stage"])
+def test_memory_of_colours_does_not_grow_with_the_saves(by: str) -> None:
+    shape, names = (60, 400), [f"c{k}" for k in range(400)]
+    run = xr.Dataset(
+        {
+            "volume": (("time", "cell"), np.linspace(1, 2, 24000).reshape(shape)),
+            "target_volume": (("time", "cell"), np.ones(shape)),
+            "pressure": (("time", "cell"), np.linspace(0, 1, 24000).reshape(shape)),
+            "type": (("time", "cell"), np.full(shape, "A")),
+            "stage": ("time", np.full(60, "S")),
+        },
+        {"time": np.arange(60.0), "cell": names},
+    )
+
+    def peak(count: int) -> int:
+        of_save = colouring_by_save(run, range(60), by)
+        tracemalloc.start()
+        for save in range(count):
+            assert len(of_save(save).colours) == 400
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    assert peak(60) < 2.5 * peak(1)
