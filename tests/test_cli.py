@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from morphosim import Numerics, load_scene, open_run
-from morphosim.cli import app, main
+from morphosim.cli import app, main, run_facts
 
 from .helpers import EXPECTED_TO_FAIL
 
@@ -56,6 +56,15 @@ def test_info_tells_saves_and_cells(run_directory: Path) -> None:
     assert "3 saves, t = 0 to 20" in out
     assert "right" in out
     assert "--resume" not in out
+
+
+def test_info_lists_some_of_many_cells(
+    run_directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_facts, "MOST_LISTED", 1)
+    *_, first, rest = call("info", run_directory).splitlines()
+    assert first.startswith("left")
+    assert rest == "... and 1 more: see morphosim export --to csv"
 
 
 def test_contacts_as_table_and_as_json(run_directory: Path) -> None:

@@ -17,6 +17,8 @@ from morphosim.runs.directory import RunDirectory
 if TYPE_CHECKING:
     import xarray as xr
 
+MOST_LISTED = 200
+"""Cells that are listed one by one."""
 ANY_PRESET = ("threads", "seed")
 """Numerics that are of no preset."""
 
@@ -114,7 +116,10 @@ def _cells(data: "xr.Dataset") -> Iterator[str]:
     cells = "1 cell" if len(alive) == 1 else f"{len(alive)} cells"
     yield cells + (f"; {gone} that were there before have divided or are gone" if gone else "")
     yield f"{'cell':10} {'type':8} {'volume um3':>11}   centroid um"
-    for k in alive.tolist():
-        name, kind = str(data["cell"].values[k]), str(last["type"].values[k]) or "-"
+    names, kinds = data["cell"].values, last["type"].values
+    for k in alive[:MOST_LISTED].tolist():
+        name, kind = str(names[k]), str(kinds[k]) or "-"
         x, y, z = centroids[k]
         yield f"{name:10} {kind:8} {volumes[k]:11.1f}   {x:.3f} {y:.3f} {z:.3f}"
+    if len(alive) > MOST_LISTED:
+        yield f"... and {len(alive) - MOST_LISTED} more: see morphosim export --to csv"
