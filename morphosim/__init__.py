@@ -40,6 +40,7 @@ _EXPORTS = {
     "Ellipsoid": "geometry.shapes",
     "Field": "geometry.shapes",
     "Mask": "geometry.shapes",
+    "Polyhedron": "geometry.shapes",
     "Sphere": "geometry.shapes",
     "read_labels": "importers.labels.image_file",
     "LabelImage": "importers.labels.label_image",
@@ -70,6 +71,7 @@ _EXPORTS = {
     "pack": "runs.pack",
     "load_fields": "runs.saved_fields",
     "RunWriter": "runs.writer",
+    "ColumnarLayer": "scene.columnar_layer",
     "Cell": "scene.cell",
     "VolumeCourse": "scene.cell",
     "CellCount": "scene.ends",
@@ -87,6 +89,7 @@ _EXPORTS = {
     "Removal": "scene.events",
     "load_scene": "scene.file",
     "save_scene": "scene.file",
+    "Aggregate": "scene.random_packing",
     "packed_cells": "scene.random_packing",
     "Scene": "scene.scene",
     "StabilityWarning": "scene.stability",
@@ -106,7 +109,7 @@ if TYPE_CHECKING:
     from morphosim.errors import CellVanishedError, DivergenceError, ResolutionWarning, SaveError
     from morphosim.exports.export import export
     from morphosim.geometry.confinement import BoxWalls, EllipsoidShell, FunctionWalls, MaskWalls
-    from morphosim.geometry.shapes import Ellipsoid, Field, Mask, Sphere
+    from morphosim.geometry.shapes import Ellipsoid, Field, Mask, Polyhedron, Sphere
     from morphosim.importers.labels.image_file import read_labels
     from morphosim.importers.labels.label_image import LabelImage, SegmentationWarning
     from morphosim.importers.labels.scene import import_labels
@@ -142,6 +145,7 @@ if TYPE_CHECKING:
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
     from morphosim.scene.cell import Cell, VolumeCourse
+    from morphosim.scene.columnar_layer import ColumnarLayer
     from morphosim.scene.ends import CellCount, Duration, QuasiSteady, Steady, When
     from morphosim.scene.events import (
         Apoptosis,
@@ -154,7 +158,7 @@ if TYPE_CHECKING:
         Removal,
     )
     from morphosim.scene.file import load_scene, save_scene
-    from morphosim.scene.random_packing import packed_cells
+    from morphosim.scene.random_packing import Aggregate, packed_cells
     from morphosim.scene.scene import Scene
     from morphosim.scene.stability import StabilityWarning
     from morphosim.scene.stages import Stage
@@ -167,6 +171,7 @@ if TYPE_CHECKING:
 
 __version__ = version("morphosim")
 __all__ = [
+    "Aggregate",
     "Apoptosis",
     "Attraction",
     "Axis",
@@ -177,6 +182,7 @@ __all__ = [
     "CellTable",
     "CellVanishedError",
     "Column",
+    "ColumnarLayer",
     "Concern",
     "Conditions",
     "Differentiation",
@@ -200,6 +206,7 @@ __all__ = [
     "Observer",
     "Physics",
     "PhysicsChange",
+    "Polyhedron",
     "ProgressBar",
     "Proliferation",
     "QuasiSteady",

@@ -120,7 +120,8 @@ class User:
         """Save a file that has a name; load all else as a part of a scene, and take a step."""
         text = self._shorter(each)
         path = Path(each.file or f"block{each.line}.toml")
-        path.write_text(text if each.file else text + CELLS, encoding="utf-8")
+        whole = bool(each.file) or "[cells]" in text
+        path.write_text(text if whole else text + CELLS, encoding="utf-8")
         if not each.file:
             Simulation(load_scene(path)).run(until=2)
 

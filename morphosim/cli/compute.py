@@ -56,14 +56,14 @@ def scenes(
     overwrite: Overwrite = False,
 ) -> None:
     """List the built-in scenes, or show one."""
-    from morphosim.library.built_in import built_in_scene, scene_names, scene_text
+    from morphosim.library.built_in import scene_description, scene_names, scene_text
 
     if show is None:
         if output is not None:
             message = "--output says where to write a scene; name the scene by --show"
             raise ValueError(message)
         for name in scene_names():
-            say(f"{name:24} {built_in_scene(name).description}")
+            say(f"{name:24} {scene_description(name)}")
     elif output is None:
         say(scene_text(show).rstrip())
     else:

@@ -19,6 +19,8 @@ BALL_ERROR = 1e-4
 """Share of the volume by which a start field may be off."""
 FARTHEST = 2**31
 """Cells lie within this many lattice points of the origin."""
+TAIL = 9.0
+"""Farther out than this over the scale, φ = (1 + tanh(scale depth)) / 2 is below 2e-8."""
 START_BYTES = 32
 """Least memory that a lattice point takes while the field of its cell is made."""
 
@@ -212,7 +214,7 @@ def volume_shift(depth: Floats, volume: float, scale: float, spacing: float) -> 
     from scipy.optimize import brentq
 
     def excess(shift: float) -> float:
-        return float(profile(depth + shift, scale).sum() * spacing**3 - volume)
+        return float(profile(near + shift, scale).sum() * spacing**3 - volume)
 
     if depth.size * spacing**3 <= volume:
         message = (
@@ -220,7 +222,8 @@ def volume_shift(depth: Floats, volume: float, scale: float, spacing: float) -> 
             f"{depth.size * spacing**3:.3g}; correct one of them"
         )
         raise ValueError(message)
-    reach = 5.0
+    reach, near = 0.5, depth[depth > -0.5 - TAIL / scale]
     while excess(-reach) > 0 or excess(reach) < 0:
         reach *= 2
+        near = depth[depth > -reach - TAIL / scale]
     return float(brentq(excess, -reach, reach, xtol=1e-6))

@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from morphosim import _validate
+from morphosim._files import toml_table
 from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
 from morphosim.library.synnotch import SCENES as RANDOM
 from morphosim.numerics.parameters import LARGEST_SEED
@@ -27,6 +28,15 @@ def scene_names() -> list[str]:
     """Names of the built-in scenes."""
     stored = [Path(f.name).stem for f in _FOLDER.iterdir() if f.name.endswith(".toml")]
     return sorted([*stored, *MADE, *RANDOM])
+
+
+def scene_description(name: str) -> str:
+    """What a built-in scene is, in one line; errors as for `built_in_scene`."""
+    if name in MADE or name in RANDOM:
+        return built_in_scene(name).description
+    _validate.choice("scene", name, scene_names())
+    with as_file(_FOLDER / f"{name}.toml") as path:  # its cells need not be made
+        return str(toml_table(path, "scene file")["description"])
 
 
 def built_in_scene(name: str, overrides: Mapping[str, Any] | None = None) -> Scene:

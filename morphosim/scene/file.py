@@ -4,7 +4,7 @@ Arrays (masks, fields) lie in an .npz file beside the TOML file, named as "file.
 table is the content of its file, with the arrays themselves in it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from morphosim.geometry.shapes import SHAPES, Point, PowerCell
 from morphosim.scene.arrays import set_apart, write_arrays
 from morphosim.scene.cell import Cell
 from morphosim.scene.kinds import object_of, table_of
+from morphosim.scene.populations import POPULATIONS
 from morphosim.scene.scene import Scene, power_cells
 from morphosim.scene.stage_tables import stage_of, stage_table
 from morphosim.scene.tables import (
@@ -128,14 +129,13 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
         A key is not known, or a value is not allowed.
     """
     _validate.keys("the scene", table, (*_SCALARS, *_TABLES))
-    rows = table.get("cells", [])
-    _check_rows(rows)
     confinement = confinement_of(table, folder)
-    shapes = _shapes(rows, confinement, folder)
+    numerics = numerics_of(table.get("numerics", {}))
+    cells = _cells(table.get("cells", []), confinement, numerics.seed, folder)
     return Scene(
-        cells=[cell_of(row, shape) for row, shape in zip(rows, shapes, strict=True)],
-        physics=physics_of(table.get("physics", {}), [row["name"] for row in rows], folder),
-        numerics=numerics_of(table.get("numerics", {})),
+        cells=cells,
+        physics=physics_of(table.get("physics", {}), [cell.name for cell in cells], folder),
+        numerics=numerics,
         confinement=confinement,
         stages=[
             stage_of(row, f"stages[{k}]", folder)
@@ -143,6 +143,19 @@ def scene_of(table: Mapping[str, Any], folder: Path = Path()) -> Scene:
         ],
         **{key: table[key] for key in _SCALARS if key in table},
     )
+
+
+def _cells(said: Any, confinement: Any, seed: int, folder: Path) -> Sequence[Cell]:
+    """Cells from a list of their tables, or from the table of a population."""
+    if isinstance(said, Mapping):
+        population = object_of(said, POPULATIONS, "cells", folder)
+        if not callable(getattr(population, "cells", None)):
+            message = f"cells.use = {said['use']!r} has no method cells(confinement, seed)"
+            raise ValueError(message)
+        return _validate.several("cells", population.cells(confinement, seed), "cells")
+    _check_rows(said)
+    shapes = _shapes(said, confinement, folder)
+    return [cell_of(row, shape) for row, shape in zip(said, shapes, strict=True)]
 
 
 def _check_rows(rows: Any) -> None:

@@ -1,6 +1,8 @@
 """Start states: equal cells at random places, pushed apart (Eq. 12, 13 of the paper)."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -127,12 +129,72 @@ def packed_cells(
     >>> [cell.name for cell in cells]
     ['R1', 'R2', 'G1']
     """
-    _validate.instance("counts", counts, Mapping)
+    _check_counts("counts", counts)
+    positions = random_positions(sum(counts.values()), radius, lower, upper, seed)
+    return _balls(counts, radius, positions)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aggregate:
+    """Spherical cells of several types, mixed at random in a ball, as of cells shaken together.
+
+    Attributes
+    ----------
+    counts : mapping from cell type to number of cells
+        Cells are named by type and number, as G1, G2, …
+    radius : float
+        That of the cells, µm.
+    filling : float
+        Share of the ball that cells fill; up to 0.5 is safe.
+    center : (3,) µm
+    seed : int, optional
+        That of the places; by default that of the scene's numerics.
+
+    Examples
+    --------
+    >>> cells = Aggregate(counts={"A": 20, "B": 30}, radius=4.0).cells(None, seed=0)
+    >>> len(cells), cells[20].name
+    (50, 'B1')
+    """
+
+    counts: Mapping[str, int]
+    radius: float
+    filling: float = 0.5
+    center: ArrayLike = (0.0, 0.0, 0.0)
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        _check_counts("cells.counts", self.counts)
+        _validate.number("cells.radius", self.radius, above=0)
+        _validate.number("cells.filling", self.filling, above=0, most=DENSEST)
+        _validate.vector("cells.center", self.center)
+        if self.seed is not None:
+            _validate.integer("cells.seed", self.seed, least=0)
+
+    def cells(self, confinement: object, seed: int) -> list[Cell]:
+        """Cells of the ball, wherever the walls are: of a packed cube those nearest its middle."""
+        count = sum(self.counts.values())
+        half = self.radius * (count / self.filling) ** (1 / 3)
+        seed = seed if self.seed is None else self.seed
+        around = math.ceil(count * 6 / math.pi)
+        places = random_positions(around, self.radius, np.full(3, -half), np.full(3, half), seed)
+        inner = np.argsort((places**2).sum(axis=1), kind="stable")[:count]
+        mixed = np.random.default_rng(seed).permutation(inner)
+        return _balls(self.counts, self.radius, places[mixed] + np.asarray(self.center, float))
+
+
+def _check_counts(name: str, counts: Mapping[str, int]) -> None:
+    """Raise ValueError or TypeError unless these are numbers of cells by type."""
+    _validate.instance(name, counts, Mapping)
     for kind, count in counts.items():
-        _validate.label("counts: type", kind)
-        _validate.integer(f"counts[{kind!r}]", count, least=0, most=MOST_CELLS)
+        _validate.label(f"{name}: type", kind)
+        _validate.integer(f"{name}[{kind!r}]", count, least=0, most=MOST_CELLS)
+    _validate.integer(f"sum of {name}", sum(counts.values()), least=1, most=MOST_CELLS)
+
+
+def _balls(counts: Mapping[str, int], radius: float, positions: NDArray[np.float64]) -> list[Cell]:
+    """Cells at these places, type after type."""
     named = [(kind, f"{kind}{k + 1}") for kind, count in counts.items() for k in range(count)]
-    positions = random_positions(len(named), radius, lower, upper, seed)
     return [
         Cell(name=name, type=kind, shape=Sphere(center=tuple(place), radius=radius))
         for (kind, name), place in zip(named, positions.tolist(), strict=True)
