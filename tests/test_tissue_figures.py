@@ -157,6 +157,22 @@ def test_few_cells_span_no_tissue(centres: Real) -> None:
     assert int(found.profile("volume")["cells"].sum()) == len(centres)
 
 
+def test_a_hollow_tissue_has_the_hull_of_its_centres() -> None:
+    """Cells on a sphere fill less than it; all lie on its sides."""
+    centres = in_ball(500, 1.0)
+    centres /= np.linalg.norm(centres, axis=1)[:, None]
+    region = tissue_region(centres, np.full(500, 1e-3))
+    assert region is not None
+    assert region.volume == pytest.approx(4 / 3 * np.pi, rel=0.05)
+    np.testing.assert_allclose(region.depth, 0, atol=1e-9)
+    g, pairs = pair_correlation(region, np.linspace(0, 2, 11))
+    assert np.isfinite(g).all()
+    assert pairs.sum() == 500 * 499 / 2
+    # On a sphere pairs are spread evenly over r²: in the hull near ones are too many.
+    np.testing.assert_allclose(pairs / pairs.sum(), np.diff(np.linspace(0, 1, 11) ** 2), atol=0.01)
+    assert g[0] == pytest.approx(2.5, rel=0.2)
+
+
 @pytest.mark.parametrize(
     ("centres", "reach", "known"),
     [
@@ -285,10 +301,14 @@ def test_export_has_a_table_of_each_figure(tmp_path: Path) -> None:
     run = lived()
     run["centroid"] = ("time", "cell", "axis"), np.random.default_rng(0).random((4, 10, 3))
     run["radial_position"] = run["volume"] / 2
+    run.coords["stage"] = "time", ["growth"] * 4
     paths = export(run, tmp_path / "out", "tissue", [20, 30])
     tables = {path.stem: pd.read_csv(path) for path in paths}
     assert [*tables] == ["growth", "pair_correlation", "neighbours", "profiles", "clones"]
     assert all(table["time"].unique().tolist() == [20, 30] for table in tables.values())
+    assert tables["growth"].columns.tolist() == [
+        "time", "cells", "volume", "target_volume", "growth_rate",
+    ]  # fmt: skip
     assert tables["growth"]["cells"].tolist() == [7, 6]
     assert tables["clones"].query("time == 20 and clone == 'b'")["pieces"].item() == 2
     assert tables["profiles"]["variable"].unique().tolist() == ["volume"]

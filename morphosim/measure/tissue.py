@@ -60,8 +60,9 @@ class Region:
             np.arange(len(points)), 1 + len(points) * len(self.sides) // 10**6
         ):
             towards = self.sides[:, :-1] @ directions[part].T
-            with np.errstate(divide="ignore"):
-                ways = np.maximum(-self._heights(points[part]), 0) / np.maximum(towards, 0)
+            inwards = np.maximum(-self._heights(points[part]), 0)
+            ways = np.full_like(inwards, np.inf)
+            np.divide(inwards, towards, out=ways, where=towards > 0)
             found[part] = ways.min(axis=0)
         return found
 

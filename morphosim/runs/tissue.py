@@ -33,7 +33,7 @@ def growth(run: xr.Dataset) -> xr.Dataset:
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.gradient(np.log(total), times) if len(times) > 1 else np.full(len(times), np.nan)
     return _dataset(
-        {"time": run["time"]},
+        {"time": run["time"].variable},
         cells=("time", np.isfinite(volumes).sum(axis=1), "1", "number of cells"),
         volume=("time", total, "um3", "volume of all cells, integral of phi"),
         target_volume=(
@@ -137,7 +137,7 @@ def clones(run: xr.Dataset, saves: Sequence[int], since: int) -> xr.Dataset:
     return _dataset(
         _along(run, saves) | {
             "clone": ancestor,
-            "cell": run["cell"],
+            "cell": run["cell"].variable,
             "clone_of": ("cell", of_cell, {"long_name": "clone of the cell"}),
         },
         cells=(dims, sizes[0].astype(np.int64), "1", "number of cells of the clone"),
