@@ -286,12 +286,15 @@ class MorphoAccessor:
         volume of all cells. Where centres lie in a plane, as those of one layer of cells, g is of
         distances in that plane, and the sides are moved by half the spacing of cells. In a tissue
         that is denser in its middle, g stays above 1 up to about the tissue's size.
+        The hull of one that is hollow, bent or in pieces has room without cells, so that g is well
+        above 1 for near ones.
 
         Parameters
         ----------
         time : float, or several, optional
             With several, the result is along `time`.
         bins : int
+            At most 10 000.
         furthest : float, optional
             Greatest distance, µm; by default that of five cells, cubes of the mean volume.
 

@@ -324,6 +324,7 @@ def test_export_has_a_table_of_each_figure(tmp_path: Path) -> None:
         ("profile", {"name": "pressure", "bins": 0}, "bins = 0 is not allowed"),
         ("pair_correlation", {"furthest": 0}, "furthest = 0 is not allowed"),
         ("pair_correlation", {"bins": 0}, "bins = 0 is not allowed"),
+        ("pair_correlation", {"bins": 10**9}, "bins = 1000000000 is not allowed: .* <= 10000"),
         ("neighbour_distribution", {"least_area": -1}, "least_area = -1 is not allowed"),
         ("neighbour_distribution", {"time": 50}, "time = 50: the run has no save near it"),
         ("neighbour_distribution", {"time": []}, "time is empty"),
@@ -335,3 +336,8 @@ def test_bad_input_is_told(figure: str, options: dict, told: str) -> None:
     run = tissue(np.eye(3), pressure=np.ones(3)).assign_coords(type=(("time", "cell"), [["a"] * 3]))
     with pytest.raises(ValueError, match=told):
         getattr(run.morpho, figure)(**options)
+
+
+def test_inner_is_a_flag() -> None:
+    with pytest.raises(TypeError, match="inner = 'no' is not true or false"):
+        tissue(np.eye(3)).morpho.neighbour_distribution(inner="no")

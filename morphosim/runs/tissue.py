@@ -17,6 +17,7 @@ Integers = NDArray[np.int64]
 
 REACH = 5.0
 """Pairs of cells up to so many cells apart count by default."""
+MOST_BINS = 10_000
 AGAINST = {
     "radius": "distance from the centre of the cell's aggregate",
     "depth": "distance from the free surface of the tissue",
@@ -48,7 +49,7 @@ def pair_correlations(
     run: xr.Dataset, saves: Sequence[int], bins: int, furthest: float | None
 ) -> xr.Dataset:
     """Pair correlation of the centres of cells; see `MorphoAccessor.pair_correlation`."""
-    bins = _validate.integer("bins", bins, least=1)
+    bins = _validate.integer("bins", bins, least=1, most=MOST_BINS)
     if furthest is None:
         volumes = variable(run, "volume", "time", "cell")[saves[-1]].values
         known = volumes[np.isfinite(volumes)]
@@ -71,6 +72,7 @@ def neighbour_distribution(
 ) -> xr.Dataset:
     """Distribution of numbers of neighbours; see `MorphoAccessor.neighbour_distribution`."""
     least_area = _validate.number("least_area", least_area, least=0)
+    _validate.flag("inner", inner)
     counts = [_neighbour_counts(run, save, inner, least_area) for save in saves]
     most = max((int(count.max(initial=0)) for count in counts), default=0)
     cells = np.stack([np.bincount(count, minlength=most + 1) for count in counts])
@@ -92,7 +94,7 @@ def profile(
     run: xr.Dataset, saves: Sequence[int], name: str, against: str, bins: int
 ) -> xr.Dataset:
     """Profile of a variable of cells; see `MorphoAccessor.profile`."""
-    bins = _validate.integer("bins", bins, least=1)
+    bins = _validate.integer("bins", bins, least=1, most=MOST_BINS)
     _validate.choice("against", against, AGAINST)
     numbers = [
         str(each) for each, values in run.variables.items()
