@@ -97,6 +97,8 @@ def show(
     times: Annotated[
         int | None, typer.Option(min=1, help="so many saves, evenly spread; by default all")
     ] = None,
+    by: By = "cell",
+    cut: Cut = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a 3-D view of a run as one HTML file, which needs no network."""
@@ -105,5 +107,5 @@ def show(
 
     check_free(output, overwrite)
     with open_run(directory) as data, progress() as tell:
-        save_page(data, output, times, tell=lambda done, of: tell("view", done, of))
+        save_page(data, output, times, tell=lambda done, of: tell("view", done, of), by=by, cut=cut)
     note(f"{output}: {output.stat().st_size / 1e6:.1f} MB")

@@ -59,10 +59,7 @@ def drawn_meshes(
         So many cells do not fit.
     """
     save = time_index(run, time)
-    boxes = saved_boxes(run, save)
-    step = coarseness(boxes, MOST_POINTS)
-    width = spacing(run) * step
-    fields = coarse_fields(run, boxes, step)
+    fields, width = _coarse(run, save)
     if cut is not None:
         fields = [field for field in fields if _is_left(field, cut, width)]
     chosen = seen_places(fields, width, cut) if len(fields) > FEW else None
@@ -70,6 +67,21 @@ def drawn_meshes(
     if cut is None:
         return meshes
     return [left for mesh in meshes if len((left := cut.closed(mesh)).faces)]
+
+
+def whole_meshes(run: "xr.Dataset", save: int) -> list[CellMesh]:
+    """Surfaces of all cells of a save, coarser where there are many, for a view that can be cut.
+
+    For the errors see `drawn_meshes`.
+    """
+    return field_meshes(*_coarse(run, save), types_of(run, save))
+
+
+def _coarse(run: "xr.Dataset", save: int) -> tuple[list[CellField], float]:
+    """Fields of a save, and the spacing of their lattice, µm."""
+    boxes = saved_boxes(run, save)
+    step = coarseness(boxes, MOST_POINTS)
+    return coarse_fields(run, boxes, step), spacing(run) * step
 
 
 def coarseness(boxes: SavedBoxes, points: int) -> int:

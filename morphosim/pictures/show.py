@@ -60,6 +60,9 @@ def show(
     times: int | Iterable[float] | None = NOTEBOOK_TIMES,
     triangles: int | None = None,
     height: int = 560,
+    *,
+    by: str | None = None,
+    cut: str | None = None,
 ) -> Page:
     """3-D view of a run in a notebook: turn, slide through time, pick cells.
 
@@ -69,9 +72,11 @@ def show(
     times, triangles : see `run_data`
         By default few, for the notebook; None for all times may be more than it takes.
     height : int, pixels, from 200 to 8192
+    by, cut : see `run_data`
     """
     height = _validate.integer("height", height, least=200, most=MOST_PIXELS)
-    return Page(viewer_page(run_data(run, times, triangles, NOTEBOOK_TRIANGLES)), height)
+    data = run_data(run, times, triangles, NOTEBOOK_TRIANGLES, by=by, cut=cut)
+    return Page(viewer_page(data), height)
 
 
 def save_page(
@@ -80,6 +85,9 @@ def save_page(
     times: int | Iterable[float] | None = None,
     triangles: int | None = None,
     tell: Tell | None = None,
+    *,
+    by: str | None = None,
+    cut: str | None = None,
 ) -> Path:
     """Write the 3-D view of a run as one HTML file, which needs no network.
 
@@ -87,14 +95,14 @@ def save_page(
     ----------
     run : Dataset of `open_run`
     path : of the file; one that is there is replaced
-    times, triangles, tell : see `run_data`
+    times, triangles, tell, by, cut : see `run_data`
 
     Returns
     -------
     path
     """
     path = writable(path, (".html", ".htm"))
-    write_text(path, viewer_page(run_data(run, times, triangles, tell=tell)))
+    write_text(path, viewer_page(run_data(run, times, triangles, tell=tell, by=by, cut=cut)))
     return path
 
 

@@ -7,9 +7,19 @@ import numpy as np
 
 from morphosim import _validate
 from morphosim._extras import need
-from morphosim.pictures.colours import BY, TITLES, Scale, colours_of_saves, living, type_colours
+from morphosim.pictures.colours import (
+    BY,
+    TITLES,
+    Scale,
+    colours_of_saves,
+    living,
+    measures,
+    type_colours,
+)
+from morphosim.pictures.cut import Cut, read_cut
+from morphosim.pictures.detail import whole_meshes
 from morphosim.pictures.meshcode import MOST_TRIANGLES, packed
-from morphosim.pictures.meshes import CellMesh, cell_meshes, run_confinement, shell_mesh
+from morphosim.pictures.meshes import CellMesh, run_confinement, shell_mesh
 from morphosim.pictures.palettes import hexed
 from morphosim.progress import Tell
 from morphosim.runs.saved_fields import save_count, time_index, variable
@@ -28,6 +38,8 @@ LARGE = ("phi", "label")
 """Variables of a run that the figures of cells do not need."""
 FIGURES = {"volume": "volume", "target": "target_volume", "surface": "surface_area"}
 """Figures of a cell, and the variables of a run that hold them."""
+MEASURES = ("pressure", "age", "generation")
+"""Numbers by which cells can be coloured, of a run that has them, besides the one asked for."""
 
 
 def run_data(
@@ -36,6 +48,9 @@ def run_data(
     triangles: int | None = None,
     total: int = ALL_TRIANGLES,
     tell: Tell | None = None,
+    *,
+    by: str | None = None,
+    cut: str | None = None,
 ) -> dict[str, Any]:
     """All that the viewer shows of a run. Needs PyVista.
 
@@ -52,38 +67,52 @@ def run_data(
         up to 15000 cells, summed over all times, has less than 20 MB.
     tell : callable, optional
         Told how many saves are done, and of how many.
+    by : str, optional
+        What colours tell at first, see `cell_colours`; the page offers others.
+    cut : str, optional
+        Where the cells are cut open at first, see `plot`.
 
     Returns
     -------
     dict that JSON can hold
         `title`; `cells` with `name` and `parent`; `colourings`; `shell`, a packed mesh or None;
-        `bounds`, two corners in µm; `frames`, one of each save as `frame` makes them.
+        `bounds`, two corners in µm; `frames`, one of each save as `frame` makes them, with
+        `values`, of each cell by measure; `by` and `cut` that the page begins with.
 
     Raises
     ------
     ValueError
-        A save was made without fields, the Dataset is not a whole run, or `times` is empty.
+        A save was made without fields, the Dataset is not a whole run, `times` is empty, or `by`
+        or `cut` is not known.
+    MemoryError
+        A save has so many cells that they do not fit.
     ImportError
         PyVista is not installed.
     """
     need("pyvista", "the viewer", "pictures")
-    saves = _saves(run, times)
+    saves, half = _saves(run, times), read_cut(cut)
+    if by is not None:
+        _validate.choice("by", by, dict.fromkeys((*BY, *measures(run))))
     figures = run.drop_vars(LARGE, errors="ignore").load()
     confinement = run_confinement(run)
     shell = [] if confinement is None else [shell_mesh(confinement)]
     corners = [_corners(shell)] if shell else []
     triangles = _default_triangles(figures, saves, total) if triangles is None else triangles
+    known = [of for of in measures(run) if of in (by, *MEASURES) and of not in BY]
     frames = []
     for done, save in enumerate(saves, 1):
-        meshes = cell_meshes(run, float(figures["time"].values[save]))
+        meshes = whole_meshes(run, save)
         frames.append(_save_frame(figures, save, meshes, triangles))
+        frames[-1]["values"] = _values(figures, save, meshes, known)
         corners += [_corners(meshes)] if meshes else []
         if tell is not None:
             tell(done, len(saves))
     return {
         "title": str(run.attrs.get("scene", "")),
         "cells": _family(figures),
-        "colourings": _colourings(figures, saves),
+        "colourings": _colourings(figures, saves, by, known),
+        "by": by,
+        "cut": None if half is None else _cut(half),
         "shell": packed(shell, SHELL_TRIANGLES) if shell else None,
         "bounds": _bounds(corners),
         "frames": frames,
@@ -171,6 +200,22 @@ def _save_frame(
     )
 
 
+def _values(
+    figures: "xr.Dataset", save: int, meshes: Sequence[CellMesh], known: Sequence[str]
+) -> dict[str, list[float | None]]:
+    """Numbers of the cells that are shown, by measure."""
+    places = {name: k for k, name in enumerate(variable(figures, "cell", "cell").values.tolist())}
+    shown = [places[mesh.name] for mesh in meshes]
+    return {
+        of: [_rounded(value) for value in figures[of].values[save, shown].tolist()] for of in known
+    }
+
+
+def _cut(half: Cut) -> dict[str, Any]:
+    """Cut as the page has it; by default through the middle."""
+    return {"axis": half.axis, "place": half.place, "keepsLow": half.keeps_low}
+
+
 def _contact_list(
     names: Sequence[str], figures: Sequence[Mapping[str, Any]]
 ) -> list[tuple[int, int, float | None]]:
@@ -215,13 +260,15 @@ def _bounds(corners: Sequence[Corners]) -> list[list[float]]:
     return [np.min(low, axis=0).astype(float).tolist(), np.max(high, axis=0).astype(float).tolist()]
 
 
-def _colourings(figures: "xr.Dataset", saves: Sequence[int]) -> list[dict[str, Any]]:
+def _colourings(
+    figures: "xr.Dataset", saves: Sequence[int], first: str | None, known: Sequence[str]
+) -> list[dict[str, Any]]:
     """What cells can be coloured by, leaving out what gives all the same colour."""
-    made = [_colouring(figures, saves, by) for by in BY]
+    made = [_colouring(figures, saves, by) for by in (*BY, *known)]
     return [
         of
         for of in made
-        if of["by"] in ("cell", "volume")
+        if of["by"] in ("cell", "volume", first, *known)
         or len(set(of["cells"].values()) | set(of["types"].values())) > 1
     ]
 
@@ -240,12 +287,13 @@ def _colouring(figures: "xr.Dataset", saves: Sequence[int], by: str) -> dict[str
     scale, legend = made[0].scale, made[0].legend
     return {
         "by": by,
-        "title": TITLES.get(by, "volume error, %"),
-        "cells": {} if by == "volume" else cells,
+        "title": made[0].title,
+        "cells": cells if by in TITLES else {},
         "types": {},
         # names of cells stand on them
         "legend": [] if by == "cell" else [(text, hexed(colour)) for text, colour in legend],
         "scale": None if scale is None else _bar(scale),
+        "measured": by not in BY,
     }
 
 

@@ -649,3 +649,69 @@ def test_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(ImportError, match=r"needs the package pyvista; in a clone: .*pictures"):
         run_data(made_run([PAIR]))
+
+
+@pytest.fixture(scope="module")
+def tissue() -> dict[str, Any]:
+    """More cells than the list has rows for, with numbers; the page begins cut, by generation."""
+    balls = {
+        f"c{k:03d}": Ball((6.0 * (k % 18), 6.0 * (k // 18), 5.0 * (k % 2)), 2.0) for k in range(324)
+    }
+    run = made_run([balls])
+    run["generation"] = (("time", "cell"), np.arange(324.0)[None] % 5)
+    run["pressure"] = (("time", "cell"), np.where(np.arange(324) == 1, np.nan, 0.25)[None])
+    run["speed"] = (("time", "cell"), np.zeros((1, 324)))
+    return run_data(run, triangles=20, by="generation", cut="-x=50")
+
+
+def test_numbers_of_cells_are_in_the_data(tissue: dict[str, Any]) -> None:
+    assert tissue["frames"][0]["values"] == {
+        "generation": [float(k % 5) for k in range(324)],
+        "pressure": [None if k == 1 else 0.25 for k in range(324)],
+    }
+    ways = {of["by"]: of for of in tissue["colourings"]}
+    assert set(ways) == {"cell", "volume", "pressure", "generation", "lineage"}
+    assert [text for _, text in ways["generation"]["scale"]["ticks"]] == ["0", "1", "2", "3", "4"]
+    assert ways["generation"]["measured"] is True
+    assert tissue["by"] == "generation"
+    assert tissue["cut"] == {"axis": 0, "place": 50.0, "keepsLow": False}
+    json.dumps(tissue)
+
+
+def test_errors_of_what_the_page_begins_with() -> None:
+    for options in ({"by": "age"}, {"cut": "w"}):
+        with pytest.raises(ValueError, match=" is not known"):
+            run_data(made_run([PAIR]), **options)
+
+
+def test_many_cells_are_listed_in_part_and_found_by_name(
+    browser: "Browser", tissue: dict[str, Any], tmp_path: Path
+) -> None:
+    (tmp_path / "view.html").write_text(viewer_page(tissue), encoding="utf-8")
+    tab = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
+    faults: list[str] = []
+    tab.on("pageerror", lambda error: faults.append(str(error)))
+    tab.goto((tmp_path / "view.html").as_uri())
+    tab.wait_for_selector("#notice", state="hidden")
+    assert tab.locator("#cells li").count() == 301
+    assert tab.locator("#cells li").last.inner_text() == "24 more: find them by name."
+    assert tab.input_value("#by") == "generation"
+    assert "Generation" in tab.inner_text("#legend")
+    script = "all => all.map(x => x.style.background)"
+    colours = tab.locator("#cells .swatch").evaluate_all(script)
+    assert colours[:5] == colours[5:10]
+    assert len(set(colours)) == 5
+    assert tab.inner_text("#cut-value") == "x = 50.0 µm"
+    assert tab.locator("[name=axis]:checked").get_attribute("value") == "0"
+    names = names_shown(tab)
+    assert names
+    assert all(6 * (int(name[1:]) % 18) + 2 > 50 for name in names)
+    tab.fill("#search", "c32")
+    assert tab.locator("#cells li:visible").count() == 4
+    before = picture(tab)
+    tab.click("#hide-all")
+    assert changed(before, picture(tab)) > 0.0005
+    tab.fill("#search", "nobody")
+    assert tab.locator("#cells li:visible").all_inner_texts() == ["No such cell."]
+    tab.close()
+    assert not faults

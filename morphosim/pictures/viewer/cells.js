@@ -2,33 +2,44 @@
 
 import { byId, element, number } from "./format.js";
 
+const MOST_ROWS = 300;
+
 export class CellList {
   // `acts` are show(names, visible) and pick(name).
   constructor(acts) {
     this.acts = acts;
     this.list = byId("cells");
     this.search = byId("search");
+    this.state = null; // what was drawn last
     this.rows = [];
+    this.places = new Map(); // of the cells in the frame
     this.key = null;
-    this.search.addEventListener("input", () => this.filter());
+    this.search.addEventListener("input", () => this.state && this.draw(this.state));
     byId("show-all").addEventListener("click", () => acts.show(this.listed(), true));
     byId("hide-all").addEventListener("click", () => acts.show(this.listed(), false));
   }
 
+  // Names of all cells that the search finds, also of those that have no row.
   listed() {
-    return this.rows.filter(({ row }) => !row.hidden).map(({ name }) => name);
+    const text = this.search.value.trim().toLowerCase();
+    return this.state ? this.state.frame.cells.filter((name) => name.toLowerCase().includes(text)) : [];
   }
 
-  draw({ frame, hidden, picked, colourOf }) {
-    const key = frame.cells.join("\n");
-    if (key !== this.key) this.make(frame.cells);
+  draw(state) {
+    this.state = state;
+    const names = this.listed();
+    const key = names.join("\n");
+    if (key !== this.key) this.make(names);
     this.key = key;
-    this.rows.forEach(({ name, row, box, swatch, volume }, k) => {
+    const { frame, hidden, picked, colourOf } = state;
+    this.places = new Map(frame.cells.map((name, k) => [name, k]));
+    for (const { name, row, box, swatch, volume } of this.rows) {
+      const k = this.places.get(name);
       box.checked = !hidden.has(name);
       row.classList.toggle("picked", name === picked);
       swatch.style.background = colourOf(k);
       volume.textContent = frame.volume[k] === null ? "" : number(frame.volume[k]);
-    });
+    }
   }
 
   // Bring the row of a cell into sight.
@@ -37,10 +48,12 @@ export class CellList {
   }
 
   make(names) {
-    this.rows = names.map((name) => this.row(name));
-    this.none = element("li", { class: "none", hidden: true }, "No such cell.");
-    this.list.replaceChildren(...this.rows.map(({ row }) => row), this.none);
-    this.filter();
+    this.rows = names.slice(0, MOST_ROWS).map((name) => this.row(name));
+    const more = names.length - this.rows.length;
+    const text = names.length ? `${number(more, 0)} more: find them by name.` : "No such cell.";
+    const told = more > 0 || (!names.length && this.state.frame.cells.length > 0);
+    const note = element("li", { class: "none", hidden: !told }, text);
+    this.list.replaceChildren(...this.rows.map(({ row }) => row), note);
   }
 
   row(name) {
@@ -51,11 +64,5 @@ export class CellList {
     const button = element("button", { type: "button", on: { click: () => this.acts.pick(name) } },
       element("span", {}, name), volume);
     return { name, box, swatch, volume, row: element("li", {}, box, swatch, button) };
-  }
-
-  filter() {
-    const text = this.search.value.trim().toLowerCase();
-    for (const { name, row } of this.rows) row.hidden = !name.toLowerCase().includes(text);
-    if (this.none) this.none.hidden = this.listed().length > 0 || !this.rows.length;
   }
 }

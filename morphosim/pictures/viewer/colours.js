@@ -17,7 +17,8 @@ export class Colours {
   // Colour of the k-th cell of a frame.
   of(by, frame, k) {
     const way = this.coloured(by);
-    if (way.by === "volume") return this.error(way.scale, errorOf(frame, k));
+    if (way.by === "volume") return this.onScale(way.scale, errorOf(frame, k));
+    if (way.measured) return this.onScale(way.scale, frame.values?.[way.by]?.[k] ?? null);
     if (way.by === "type") return this.one(way.types, frame.types[k] || "no type");
     return this.one(way.cells, frame.cells[k]);
   }
@@ -34,9 +35,9 @@ export class Colours {
     return made.get(name);
   }
 
-  error(scale, error) {
-    if (error === null) return NO_COLOUR;
-    return between(scale.stops ?? this.palette.errors, (error - scale.low) / (scale.high - scale.low));
+  onScale(scale, value) {
+    if (value === null) return NO_COLOUR;
+    return between(scale.stops ?? this.palette.errors, (value - scale.low) / (scale.high - scale.low));
   }
 
   // Entries of the legend, those of cells that are there; or [].

@@ -34,6 +34,14 @@ export class Cut {
     return min[name] + this.share * (max[name] - min[name]);
   }
 
+  // Cut as data say: { axis, place, keepsLow }; without a place in the middle.
+  set({ axis, place, keepsLow }) {
+    const { min, max } = this.embryo.bounds;
+    const [low, high] = [min[AXES[axis]], max[AXES[axis]]];
+    const share = place === null ? 0.5 : (place - low) / (high - low);
+    Object.assign(this, { on: true, axis, keepsLow, share: Math.min(Math.max(share, 0), 1) });
+  }
+
   // Keep the half that the camera sees last, so that it looks onto the cut.
   faceCamera() {
     const towards = this.embryo.camera.position.getComponent(this.axis);
@@ -46,7 +54,7 @@ export class Cut {
     this.embryo.clip(this.on ? [this.plane] : null);
     if (!this.on) return;
     this.setPlane();
-    this.embryo.cells.filter((cell) => cell.mesh.visible && this.meets(cell)).forEach((cell, k) => {
+    this.embryo.cells.filter((cell) => cell.visible && this.meets(cell)).forEach((cell, k) => {
       this.addCap(cell, 1 + 3 * k);
     });
     this.drawLines();
@@ -54,7 +62,7 @@ export class Cut {
 
   // Caps take the colours of their cells.
   paint() {
-    for (const { cell, plain } of this.capped) plain.color.copy(cell.plain.color).add(cell.plain.emissive);
+    for (const { cell, plain } of this.capped) plain.color.copy(cell.colour);
   }
 
   clear() {
@@ -79,11 +87,11 @@ export class Cut {
   // Count back and front faces, then fill where they differ.
   addCap(cell, order) {
     for (const [later, material] of this.counting.entries()) {
-      const faces = new THREE.Mesh(cell.mesh.geometry, material);
+      const faces = new THREE.Mesh(cell.geometry, material);
       faces.renderOrder = order + later;
       this.caps.add(faces);
     }
-    const k = this.embryo.cells.indexOf(cell);
+    const { k } = cell;
     this.materials[k] ??= { plain: capMaterial(), numbered: paintNumber(capMaterial(), k) };
     const cap = new THREE.Mesh(this.square, this.materials[k].plain);
     cap.renderOrder = order + 2;
@@ -104,7 +112,7 @@ export class Cut {
   }
 
   drawLines() {
-    const points = this.capped.flatMap(({ cell }) => this.section(cell.mesh.geometry));
+    const points = this.capped.flatMap(({ cell }) => this.section(cell.geometry));
     this.lines.geometry.dispose();
     this.lines.geometry = new THREE.BufferGeometry();
     this.lines.geometry.setAttribute(

@@ -1,10 +1,11 @@
 // The 3-D scene: cells, shell, camera. Knows nothing of the page around its canvas.
 
-import { cellMaterial, flatMaterial, outlineMaterial, paintNumber, shellMaterial } from "./materials.js";
+import { cellMaterial, flatMaterial, numberColour, outlineMaterial, shellMaterial } from "./materials.js";
 
 const VIEW_FROM = [0.18, 0.28, 1];
 const FIELD_OF_VIEW = 28;
 const OUTLINE = 0.35;
+const LIGHTER = new THREE.Color("#2b2b2b"); // of the picked cell
 const ROOM = 0.5; // µm that cells may stand out of the bounds
 
 export class Embryo {
@@ -17,15 +18,20 @@ export class Embryo {
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 1, 1000);
     this.root = new THREE.Group(); // all that is in the run's coordinates
-    this.cells = []; // { name, mesh, plain, numbered, box }
-    this.materials = []; // of the k-th cell, kept: the last one's end costs its shader anew
+    this.cells = []; // { name, k, geometry, box, visible, colour }
+    // All cells are one mesh, for one call to the GPU: in their colours, or in their numbers.
+    this.plain = new THREE.BufferGeometry();
+    this.numbered = new THREE.BufferGeometry();
+    this.materials = { plain: cellMaterial(), numbered: flatMaterial(THREE.DoubleSide) };
+    this.whole = new THREE.Mesh(this.plain, this.materials.plain);
+    this.whole.frustumCulled = false;
     this.shell = new THREE.Group();
     this.outline = new THREE.Mesh(new THREE.BufferGeometry(), outlineMaterial(OUTLINE));
     this.outline.visible = false;
     this.planes = null;
     this.mirrored = false;
     this.bounds = new THREE.Box3(new THREE.Vector3(), new THREE.Vector3(1, 1, 1));
-    this.root.add(this.shell, this.outline);
+    this.root.add(this.whole, this.shell, this.outline);
     this.scene.add(this.root, this.camera);
     this.light();
     this.controls = new THREE.OrbitControls(this.camera, canvas);
@@ -69,21 +75,65 @@ export class Embryo {
 
   // Show the cells of a frame: names, and meshes of the same order.
   setCells(names, meshes) {
-    for (const cell of this.cells) {
-      this.root.remove(cell.mesh);
-      cell.mesh.geometry.dispose();
+    for (const { geometry } of [...this.cells, { geometry: this.plain }, { geometry: this.numbered }]) {
+      geometry.dispose();
     }
-    this.cells = meshes.map((mesh, k) => this.cell(names[k], geometryOf(mesh), k));
-    for (const cell of this.cells) this.root.add(cell.mesh);
-    this.clip(this.planes);
+    this.cells = meshes.map((mesh, k) => {
+      const geometry = geometryOf(mesh);
+      const box = geometry.boundingBox;
+      return { name: names[k], k, geometry, box, visible: true, colour: new THREE.Color() };
+    });
+    this.merge();
   }
 
-  cell(name, geometry, k) {
-    this.materials[k] ??= {
-      plain: cellMaterial(), numbered: paintNumber(flatMaterial(THREE.DoubleSide), k),
-    };
-    const mesh = new THREE.Mesh(geometry, this.materials[k].plain);
-    return { name, mesh, ...this.materials[k], box: geometry.boundingBox };
+  // Put the meshes of all cells into one.
+  merge() {
+    const { plain, numbered } = this;
+    for (const name of ["position", "normal"]) {
+      const joined = joinedValues(this.cells.map(({ geometry }) => geometry.attributes[name].array));
+      const attribute = new THREE.BufferAttribute(joined, 3);
+      plain.setAttribute(name, attribute);
+      numbered.setAttribute(name, attribute);
+    }
+    const { count } = plain.attributes.position;
+    for (const geometry of [plain, numbered]) {
+      geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * count), 3));
+    }
+    this.fill(numbered, ({ k }) => numberColour(k));
+    const corners = this.cells.reduce((sum, { geometry }) => sum + geometry.index.count, 0);
+    const index = new THREE.BufferAttribute(new Uint32Array(corners), 1);
+    for (const geometry of [plain, numbered]) geometry.setIndex(index);
+    this.index();
+  }
+
+  // Give all vertices of each cell its colour.
+  fill(geometry, colourOf) {
+    const { array } = geometry.attributes.color;
+    let at = 0;
+    for (const cell of this.cells) {
+      const { r, g, b } = colourOf(cell);
+      const end = at + 3 * cell.geometry.attributes.position.count;
+      for (; at < end; at += 3) [array[at], array[at + 1], array[at + 2]] = [r, g, b];
+    }
+    geometry.attributes.color.needsUpdate = true;
+  }
+
+  // Draw the faces of the cells that are not hidden.
+  index() {
+    const { index } = this.plain;
+    let [at, first] = [0, 0];
+    for (const { geometry, visible } of this.cells) {
+      if (visible) for (const corner of geometry.index.array) index.array[at++] = first + corner;
+      first += geometry.attributes.position.count;
+    }
+    index.needsUpdate = true;
+    for (const geometry of [this.plain, this.numbered]) geometry.setDrawRange(0, at);
+  }
+
+  // Show all cells "plain" or "numbered".
+  swap(kind) {
+    this.whole.geometry = this[kind];
+    this.whole.material = this.materials[kind];
   }
 
   setShell(mesh) {
@@ -102,27 +152,30 @@ export class Embryo {
 
   // `colourOf(k)` is the colour of the k-th cell.
   paint(colourOf) {
-    this.cells.forEach((cell, k) => cell.plain.color.set(colourOf(k)));
+    this.cells.forEach((cell, k) => cell.colour.set(colourOf(k)));
+    this.fill(this.plain, (cell) => cell.colour);
   }
 
   hide(hidden) {
-    for (const cell of this.cells) cell.mesh.visible = !hidden.has(cell.name);
+    const changed = this.cells.filter((cell) => cell.visible === hidden.has(cell.name));
+    for (const cell of changed) cell.visible = !cell.visible;
+    if (changed.length) this.index();
   }
 
   highlight(name) {
-    for (const cell of this.cells) {
-      cell.plain.emissive.set(cell.name === name ? "#2b2b2b" : "#000000");
-    }
     const picked = this.cells.find((cell) => cell.name === name);
-    this.outline.visible = Boolean(picked?.mesh.visible);
-    if (picked) this.outline.geometry = picked.mesh.geometry;
+    this.outline.visible = Boolean(picked?.visible);
+    if (!picked) return;
+    this.outline.geometry = picked.geometry;
+    picked.colour.add(LIGHTER);
+    this.fill(this.plain, (cell) => cell.colour);
   }
 
   // Cut all but what lies on the inner side of these planes; null: cut nothing.
   clip(planes) {
     this.planes = planes;
-    const materials = this.cells.flatMap((cell) => [cell.plain, cell.numbered]);
-    materials.push(this.outline.material, ...this.shell.children.map((part) => part.material));
+    const materials = [this.materials.plain, this.materials.numbered, this.outline.material];
+    materials.push(...this.shell.children.map((part) => part.material));
     for (const material of materials) material.clippingPlanes = planes;
   }
 
@@ -184,6 +237,16 @@ export class Embryo {
     this.controls.update();
     this.controls.enableDamping = true;
   }
+}
+
+function joinedValues(parts) {
+  const joined = new Float32Array(parts.reduce((sum, part) => sum + part.length, 0));
+  let at = 0;
+  for (const part of parts) {
+    joined.set(part, at);
+    at += part.length;
+  }
+  return joined;
 }
 
 function geometryOf({ positions, normals, faces }) {

@@ -19,7 +19,7 @@ export class Ids {
     camera.setViewOffset(width, height, x, y, 1, 1);
     const pixels = this.draw(1, 1);
     camera.clearViewOffset();
-    return numberPainted(pixels[0], pixels[1]);
+    return numberPainted(pixels[0], pixels[1], pixels[2]);
   }
 
   // Of each cell that is seen: its number, the share of the picture that it takes, and the place
@@ -55,15 +55,19 @@ export class Ids {
   }
 
   swap(kind) {
-    for (const cell of this.embryo.cells) cell.mesh.material = cell[kind];
+    this.embryo.swap(kind);
     for (const capped of this.cut.capped) capped.cap.material = capped[kind];
   }
+}
+
+function numberAt(pixels, place) {
+  return numberPainted(pixels[4 * place], pixels[4 * place + 1], pixels[4 * place + 2]);
 }
 
 function sums(pixels, width) {
   const found = new Map();
   for (let place = 0; 4 * place < pixels.length; place++) {
-    const k = numberPainted(pixels[4 * place], pixels[4 * place + 1]);
+    const k = numberAt(pixels, place);
     if (k < 0) continue;
     if (!found.has(k)) found.set(k, { count: 0, x: 0, y: 0, place: -1, far: Infinity });
     const sum = found.get(k);
@@ -77,7 +81,7 @@ function sums(pixels, width) {
 // Middles may lie outside of a crescent: take the pixel next to them.
 function nearest(pixels, width, found) {
   for (let place = 0; 4 * place < pixels.length; place++) {
-    const sum = found.get(numberPainted(pixels[4 * place], pixels[4 * place + 1]));
+    const sum = found.get(numberAt(pixels, place));
     if (!sum) continue;
     const far = Math.hypot((place % width) - sum.x / sum.count, Math.floor(place / width) - sum.y / sum.count);
     if (far < sum.far) Object.assign(sum, { far, place });

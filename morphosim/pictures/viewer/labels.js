@@ -2,6 +2,7 @@
 
 const LEAST_AREA = 260; // square pixels of a cell that gets a name
 const GAP = 2;
+const MOST = 150; // names; of more cells the best seen
 
 export class Labels {
   constructor(box, embryo, ids) {
@@ -34,8 +35,8 @@ export class Labels {
     const seen = this.on || this.picked ? this.ids.seen(width, height) : [];
     const large = seen.filter(({ k, share }) => cells[k] && share * width * height > LEAST_AREA);
     large.sort((a, b) => b.share - a.share);
-    const mine = cells.findIndex((cell) => cell.name === this.picked && cell.mesh.visible);
-    const rest = this.on ? large.filter(({ k }) => k !== mine) : [];
+    const mine = cells.findIndex((cell) => cell.name === this.picked && cell.visible);
+    const rest = this.on ? large.filter(({ k }) => k !== mine).slice(0, MOST) : [];
     if (mine < 0) return rest;
     return [seen.find(({ k }) => k === mine) ?? this.behind(mine), ...rest];
   }

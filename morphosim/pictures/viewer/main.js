@@ -68,21 +68,29 @@ class Viewer {
     this.colours = new Colours(this.palette, data);
     this.unpacked = new Unpacked();
     this.shown = -1;
-    if (!same) this.forget();
+    if (!same) this.forget(data);
     this.offerColourings();
     byId("title").textContent = data.title || "MorphoSim";
     const shell = data.shell ? (await unpack(data.shell))[0] : null;
     this.embryo.setShell(shell);
     byId("shell").hidden = !data.shell;
     this.embryo.setBounds(data.bounds);
-    if (!same) this.embryo.look();
+    if (!same) this.begin(data);
     const times = this.data.frames.map((frame) => frame.time);
     const before = same ? times.findLastIndex((one) => one <= time) : -1;
     this.index = -1;
     await this.go(before < 0 ? times.length - 1 : before, false);
   }
 
-  forget() {
+  // See a run for the first time.
+  begin({ cut }) {
+    if (cut) this.cut.set(cut);
+    this.showCut();
+    this.embryo.look();
+  }
+
+  forget({ by }) {
+    this.by = by ?? this.by;
     this.hidden = new Set();
     this.picked = null;
   }
@@ -91,7 +99,7 @@ class Viewer {
     const ways = this.colours.colourings;
     if (!ways.some((way) => way.by === this.by)) this.by = ways[0].by;
     byId("by").replaceChildren(...ways.map(({ by }) =>
-      element("option", { value: by, selected: by === this.by }, by === "volume" ? "volume error" : by)));
+      element("option", { value: by, selected: by === this.by }, by === "volume" ? "volume error" : by.replaceAll("_", " "))));
   }
 
   // One more time of a running simulation; one that is there already is replaced. Follows only
@@ -197,11 +205,16 @@ class Viewer {
   }
 
   setCut() {
+    this.showCut();
+    this.refresh();
+  }
+
+  showCut() {
     byId("cut-bar").hidden = !this.cut.on;
     byId("cut").setAttribute("aria-pressed", this.cut.on);
+    document.querySelectorAll("[name=axis]")[this.cut.axis].checked = true;
     byId("cut-place").value = this.cut.share;
     byId("cut-value").textContent = `${"xyz"[this.cut.axis]} = ${number(this.cut.place, 1)} µm`;
-    this.refresh();
   }
 
   resize() {

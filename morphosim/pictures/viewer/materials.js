@@ -2,7 +2,7 @@
 
 // Cells: matt, and darker where the surface turns away, which sets neighbours apart.
 export function cellMaterial() {
-  const material = new THREE.MeshLambertMaterial({ side: THREE.DoubleSide });
+  const material = new THREE.MeshLambertMaterial({ side: THREE.DoubleSide, vertexColors: true });
   material.onBeforeCompile = (shader) => {
     shader.fragmentShader = shader.fragmentShader.replace(
       "#include <opaque_fragment>",
@@ -34,7 +34,7 @@ export function shellMaterial(side) {
 
 // Flat colour; for pictures in which the colour is the number of a cell.
 export function flatMaterial(side) {
-  return new THREE.MeshBasicMaterial({ side, toneMapped: false });
+  return new THREE.MeshBasicMaterial({ side, toneMapped: false, vertexColors: true });
 }
 
 // Counts, per pixel, how often the line of sight enters and leaves a cell behind the cut.
@@ -56,11 +56,15 @@ export function capMaterial() {
 }
 
 // The number k of a cell as a colour, and back; 0 is nothing.
+export function numberColour(k) {
+  return new THREE.Color().setRGB(((k + 1) & 255) / 255, (((k + 1) >> 8) & 255) / 255, ((k + 1) >> 16) / 255);
+}
+
 export function paintNumber(material, k) {
-  material.color.setRGB(((k + 1) & 255) / 255, ((k + 1) >> 8) / 255, 0);
+  material.color.copy(numberColour(k));
   return material;
 }
 
-export function numberPainted(red, green) {
-  return red + 256 * green - 1;
+export function numberPainted(red, green, blue) {
+  return red + 256 * green + 65536 * blue - 1;
 }
