@@ -6,8 +6,16 @@ columns are the time to open the saves as one Dataset, and to read the fields of
 
 A second table has whole runs of the embryo with presets, whose steps are longer: what of their time
 the saves take that the scene asks for.
+
+`python benchmarks/saves.py --large 10000` has another table instead: what is around the steps of so
+many packed cells, each in a process of its own, with its processor time and the most memory that
+the process held; some ten minutes and 3 GB. `--run DIR` takes a run that is there, and leaves out
+what needs none.
 """
 
+import multiprocessing
+import resource
+import sys
 import tempfile
 import time
 import warnings
@@ -18,8 +26,18 @@ from typing import Any
 import numpy as np
 from _common import arguments, packed_scene, report
 
-from morphosim import RunWriter, Scene, Simulation, built_in_scene, load_fields, open_run
+from morphosim import (
+    RunWriter,
+    Scene,
+    Simulation,
+    built_in_scene,
+    export,
+    load_fields,
+    open_run,
+    pack,
+)
 from morphosim.bench import COMPILING, RUN_PRESETS
+from morphosim.cli.run_facts import run_facts
 from morphosim.errors import ResolutionWarning
 
 SETTLING = 24
@@ -100,9 +118,96 @@ def run_row(preset: str) -> dict[str, Any]:
     }
 
 
+def make(cells: int, _: Path) -> Simulation:
+    """Scene of packed cells, and its start fields."""
+    return Simulation(packed_scene(cells, spacing=SPACING, solver="band", threads=1))
+
+
+def save(cells: int, folder: Path) -> None:
+    """A step of them, and the saves before and after it."""
+    simulation = make(cells, folder)
+    simulation.run(simulation.dt, observers=[RunWriter(folder, every=simulation.dt)])
+
+
+AROUND: dict[str, Callable[[int, Path], Any]] = {
+    "libraries": lambda cells, run: None,
+    "scene and start fields": make,
+    "these, a step and two saves": save,
+    "going on from the last": lambda cells, run: Simulation.from_run(run),
+    "open_run": lambda cells, run: open_run(run),
+    "info": lambda cells, run: run_facts(open_run(run), run),
+    "to_dataframe": lambda cells, run: open_run(run).morpho.to_dataframe(),
+    "contact_graph": lambda cells, run: open_run(run).morpho.contact_graph(),
+    "labels": lambda cells, run: open_run(run).morpho.labels(),
+    "load_fields": lambda cells, run: load_fields(open_run(run), -1),
+    **{
+        f"export to {to}, last save": lambda cells, run, to=to: exported(run, to)
+        for to in ("csv", "ome-tiff", "stl", "vtk")
+    },
+    "pack": lambda cells, run: packed(run),
+}
+"""What is around the steps, of a number of cells and the directory of their run."""
+WITHOUT_RUN = ("scene and start fields", "these, a step and two saves")
+SPACING = 2 / 3
+"""Of the lattice of large runs, µm: that of `draft`."""
+
+
+def exported(run: Path, to: str) -> None:
+    """Export the last save, and forget it."""
+    data = open_run(run)
+    with tempfile.TemporaryDirectory() as folder:
+        export(data, folder, to, [float(data["time"][-1])])
+
+
+def packed(run: Path) -> None:
+    """Pack a run, and forget it."""
+    with tempfile.TemporaryDirectory() as folder:
+        pack(run, Path(folder) / "run.nc")
+
+
+def large_row(name: str, cells: int, run: Path) -> dict[str, Any]:
+    """What one thing takes, in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    told = context.SimpleQueue()
+    process = context.Process(target=measured_alone, args=(name, cells, run, told))
+    process.start()
+    process.join()
+    if process.exitcode:
+        raise SystemExit(f"{name}: the process ended with {process.exitcode}")
+    return {"what": name} | told.get()
+
+
+def measured_alone(name: str, cells: int, run: Path, told: Any) -> None:
+    """In the process: do it, and tell what it took."""
+    warnings.simplefilter("ignore")
+    begin = time.process_time()
+    wall = seconds(lambda: AROUND[name](cells, run))
+    unit = 1e9 if sys.platform == "darwin" else 1e6
+    told.put(
+        {
+            "s": wall,
+            "processor s": time.process_time() - begin,
+            "most memory, GB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit,
+        }
+    )
+
+
+def large_rows(cells: int, run: str) -> list[dict[str, Any]]:
+    """What is around the steps of many cells."""
+    with tempfile.TemporaryDirectory() as folder:
+        names = [name for name in AROUND if not (run and name in WITHOUT_RUN)]
+        place = Path(run or folder)
+        if run:
+            open_run(run).close()  # says before anything else that there is none
+        return [large_row(name, cells, place) for name in names]
+
+
 def main() -> None:
     """Measure and report."""
-    options = arguments(__doc__, saves=15, many=1000)
+    options = arguments(__doc__, saves=15, many=1000, large=0, run="")
+    if options.large or options.run:
+        report(large_rows(options.large, options.run), options.json)
+        return
     warnings.simplefilter("ignore", ResolutionWarning)
     rows = []
     for solver in ("dct", "band"):

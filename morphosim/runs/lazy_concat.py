@@ -73,6 +73,10 @@ class Chain(BackendArray):
 
     def _read(self, low: int, high: int) -> NDArray[Any]:
         """Values [low, high)."""
+        check_memory(
+            f"{high - low} values of all {self.shape[0]}", (high - low) * self.dtype.itemsize,
+            "take those of one save, as run.morpho.phi, full and labels do",
+        )  # fmt: skip
         first = int(np.searchsorted(self._ends, low, side="right"))
         parts = []
         for k in range(first, len(self.segments)):

@@ -336,6 +336,8 @@ def test_values_beyond_memory_are_told_before_they_are_read(
         load_fields(run, -1)
     with pytest.raises(ValueError, match=r"label image of .* points would take .* GB"):
         label_image(simulation("a").fields)
+    with pytest.raises(ValueError, match=r"values of all \d+ would take .* of one save"):
+        run["phi"].load()
     with pytest.raises(ValueError, match=r"fields of 4 cells on .* select cells, or a plane"):
         run.morpho.full().load()
 
