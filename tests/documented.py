@@ -44,6 +44,9 @@ INSTEAD = {
     "mpirun -n 4 morphosim run SCENE -o DIR --mpi": "mpirun -n 2 morphosim run SCENE -o DIR --mpi "
     + SHORT_RUN,
     "mpirun -n 8 morphosim run --resume DIR --mpi": "mpirun -n 1 morphosim run --resume DIR --mpi",
+    "morphosim run blastoderm -o runs/blastoderm": "morphosim run blastoderm -o runs/blastoderm "
+    "--set cells.count=60 --set confinement.semi_axes=[24,20,20] --set confinement.core=[14,10,10] "
+    "--until 4",
     "mpirun -n 4 python large.py": "mpirun -n 2 python large.py",
     **{
         f"morphosim run synnotch-{name} -o DIR": f"morphosim run synnotch-{name} --dry-run"
