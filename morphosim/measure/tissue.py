@@ -14,8 +14,10 @@ FLAT = 0.25
 """Cells are one layer if their centres scatter about a plane by less than this share of a cell."""
 RAYS = 1 << 13
 """Rays by which it is found how much of a shell around a cell lies within the region, at least."""
-ROUNDS, CLOSE = 20, 1e-6
-"""Iterations in which the region's sides are moved, at most, and what they leave of that."""
+MOST_AT_ONCE = 1 << 18
+"""Numbers in arrays of sides by cells."""
+ROUNDS, CLOSE = 20, 1e-3
+"""Newton iterations by which a region's sides are moved, at most, and the last one's share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,20 +53,23 @@ class Region:
     @property
     def depth(self) -> Real:
         """(N,) distance of each centre from the surface of the region, µm."""
-        return np.asarray(-self._heights(self.points).max(axis=0))
+        return np.concatenate(
+            [-self._heights(some).max(axis=0) for some in self._parts(self.points)]
+        )
 
     def reach(self, points: Real, directions: Real) -> Real:
         """(R,) distance from inner points (R, d) to the surface along unit vectors (R, d), µm."""
-        found = np.empty(len(points))
-        for part in np.array_split(
-            np.arange(len(points)), 1 + len(points) * len(self.sides) // 10**6
-        ):
-            towards = self.sides[:, :-1] @ directions[part].T
-            inwards = np.maximum(-self._heights(points[part]), 0)
-            ways = np.full_like(inwards, np.inf)
-            np.divide(inwards, towards, out=ways, where=towards > 0)
-            found[part] = ways.min(axis=0)
-        return found
+        found = []
+        for some, ways in zip(self._parts(points), self._parts(directions), strict=True):
+            inwards, towards = np.maximum(-self._heights(some), 0), self.sides[:, :-1] @ ways.T
+            lengths = np.full_like(inwards, np.inf)
+            np.divide(inwards, towards, out=lengths, where=towards > 0)
+            found.append(lengths.min(axis=0))
+        return np.concatenate(found)
+
+    def _parts(self, rows: Real) -> list[Real]:
+        """Rows in parts for which all sides can be looked at with little memory."""
+        return np.array_split(rows, 1 + len(rows) * len(self.sides) // MOST_AT_ONCE)
 
     def _heights(self, points: Real) -> Real:
         """(F, R) distance of points outwards of each side."""
