@@ -10,7 +10,7 @@ from morphosim.cell_field import CellField
 from morphosim.measure.surfaces import SURFACE
 from morphosim.pictures.cut import Cut
 from morphosim.pictures.meshes import CellMesh, field_meshes, types_of
-from morphosim.provenance import memory
+from morphosim.provenance import check_memory
 from morphosim.runs.saved_fields import SavedBoxes, saved_boxes, spacing, time_index, variable
 
 if TYPE_CHECKING:
@@ -54,9 +54,7 @@ def drawn_meshes(
     Raises
     ------
     ValueError
-        See `cell_meshes`.
-    MemoryError
-        So many cells do not fit.
+        See `cell_meshes`; or so many cells do not fit into memory.
     """
     save = time_index(run, time)
     fields, width = _coarse(run, save)
@@ -89,19 +87,15 @@ def coarseness(boxes: SavedBoxes, points: int) -> int:
 
     Raises
     ------
-    MemoryError
-        Even of the coarsest there are more than fit.
+    ValueError
+        Even of the coarsest there are more than fit into memory.
     """
     count = float(boxes.start[-1] - boxes.start[0])
     step = next((n for n in range(1, COARSEST) if count / n**3 <= points), COARSEST)
     needed = BYTES * count / step**3 + READ * boxes.phi.dtype.itemsize
-    if needed > memory():
-        message = (
-            f"a picture of {len(boxes.cell)} cells takes some {needed / 1e9:.3g} GB of memory; "
-            f"there are {memory() / 1e9:.3g} GB. Take an earlier time, which has fewer cells, or a "
-            "machine with more memory"
-        )
-        raise MemoryError(message)
+    check_memory(
+        f"a picture of {len(boxes.cell)} cells", needed, "take a time at which there are fewer"
+    )
     return step
 
 

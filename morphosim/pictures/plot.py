@@ -106,9 +106,7 @@ def plot(
     ------
     ValueError
         A word is not known, the cut does not meet the cells, or the run lacks what it takes:
-        fields, or contacts.
-    MemoryError
-        There are so many cells that they do not fit.
+        fields, or contacts. Or there are so many cells that they do not fit into memory.
     ImportError
         PyVista or matplotlib is not installed.
     OSError

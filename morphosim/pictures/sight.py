@@ -112,7 +112,7 @@ def sight(
 
     Raises
     ------
-    ValueError, MemoryError
+    ValueError
         See `drawn_meshes`.
     """
     _validate.flag("mirror", mirror)

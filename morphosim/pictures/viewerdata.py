@@ -83,9 +83,7 @@ def run_data(
     ------
     ValueError
         A save was made without fields, the Dataset is not a whole run, `times` is empty, or `by`
-        or `cut` is not known.
-    MemoryError
-        A save has so many cells that they do not fit.
+        or `cut` is not known. Or a save has so many cells that they do not fit into memory.
     ImportError
         PyVista is not installed.
     """
