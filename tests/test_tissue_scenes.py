@@ -150,3 +150,13 @@ def test_columns_stay_between_the_walls() -> None:
     np.testing.assert_allclose(simulation.volumes, simulation.targets, rtol=0.1)
     walls_at = scene.confinement.depth(*simulation.centroids.T)
     assert (walls_at > 3).all()
+
+
+def test_cells_that_sort_begin_mixed_and_prefer_their_own_type() -> None:
+    scene = built_in_scene("sorting")
+    kinds = np.array(scene.types)
+    pairs = cKDTree(centers(list(scene.cells))).query_pairs(10.0, output_type="ndarray")
+    assert (kinds[pairs[:, 0]] != kinds[pairs[:, 1]]).mean() == pytest.approx(0.5, abs=0.03)
+    sigma = scene.physics.sigma.types
+    assert sigma["A", "A"] > sigma["B", "B"] > sigma["A", "B"]
+    assert scene.physics.kappa > 0  # without noise cells do not change their places
