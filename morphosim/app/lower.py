@@ -14,7 +14,7 @@ from morphosim.app.routes import Streams
 from morphosim.app.store import Store
 from morphosim.app.worker import warm_up
 from morphosim.exports.formats import FORMATS
-from morphosim.pictures.colours import BY
+from morphosim.pictures.colours import BY, measures
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -125,6 +125,9 @@ class Lower:
         state.opened, state.times = name, [times[save] for save in self._saves]
         state.run_index = len(self._saves) - 1
         state.run_cell, state.run_cells = None, run["cell"].values.astype(str).tolist()
+        state.colours = list(dict.fromkeys((*BY, *measures(run))))
+        if state.colour_by not in state.colours:
+            state.colour_by = BY[0]
         error, end = run.attrs["error"], run.attrs["duration"]
         saves = "1 save" if len(times) == 1 else f"{len(times)} saves"
         state.about = f"{saves}, t = {times[0]:g} to {times[-1]:g}"

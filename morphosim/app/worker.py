@@ -33,8 +33,9 @@ PAUSE, GO_ON = "pause", "go on"
 BY_CLICK = "by a click in the app"
 CURE = "standard"
 """Preset that is offered where another may diverge."""
-TRIANGLES = 800
-"""Triangles of a cell in the live view."""
+TRIANGLES, ALL_TRIANGLES, FEWEST_TRIANGLES = 800, 1_000_000, 100
+"""Triangles of a cell in the live view: of many cells fewer, so that all have about so many, but no
+fewer than these."""
 PICTURE_SHARE = 0.2
 """Pictures take at most this share of the time."""
 THINNING = 0.01
@@ -139,7 +140,8 @@ class Watcher:
         """Tell the page what begins, and show it as the save says that has just been made."""
         self._until = simulation.scene.end
         self._channel.tell("began", {"until": self._until})
-        self._channel.tell("load", opening(self._directory, TRIANGLES, [simulation.time]))
+        triangles = _triangles(len(simulation.names))
+        self._channel.tell("load", opening(self._directory, triangles, [simulation.time]))
         self._shown = simulation.ticks
         self._clock = Clock()
         self._begun = self._told = self._pictured = time.perf_counter()
@@ -257,9 +259,15 @@ def live_frame(simulation: Simulation) -> bytes:
     types = dict(zip(simulation.names, simulation.types, strict=True))
     meshes = field_meshes(simulation.fields, simulation.scene.numerics.spacing, types)
     data = frame(
-        simulation.time, meshes, _figures(simulation), stage=simulation.stage, triangles=TRIANGLES
-    )
+        simulation.time, meshes, _figures(simulation), stage=simulation.stage,
+        triangles=_triangles(len(meshes)),
+    )  # fmt: skip
     return json.dumps(data).encode()
+
+
+def _triangles(cells: int) -> int:
+    """Triangles of each of so many cells in the live view."""
+    return max(min(TRIANGLES, ALL_TRIANGLES // max(cells, 1)), FEWEST_TRIANGLES)
 
 
 def _figures(simulation: Simulation) -> dict[str, dict[str, Any]]:

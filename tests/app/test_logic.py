@@ -162,7 +162,10 @@ def test_what_is_chosen_last_is_shown(tmp_path: Path, monkeypatch: pytest.Monkey
         await chosen
 
     lower._take(run)
+    state.colour_by = "of another run"
     lower._show_facts("run")
+    assert {"cell", "type", "surface_area"} <= set(state.colours)
+    assert state.colour_by == "cell"
     asyncio.run(choose("a", "b"))
     assert (state.run_cell, state.history, state.matrix) == ("b", "history of b", "save 0")
     assert {row["name"] for row in state.figures} > {"volume"}

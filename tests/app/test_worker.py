@@ -1,5 +1,7 @@
 """What runs for the page, and what it shows of runs, without a browser."""
 
+import base64
+import gzip
 import json
 import re
 from dataclasses import replace
@@ -136,6 +138,19 @@ def test_live_frames_say_what_the_saves_say(folder: Path) -> None:
     for key in ("time", "cells", "types", "volume", "target", "surface"):
         assert live[key] == saved[key]
     np.testing.assert_allclose(live["contacts"], saved["contacts"], rtol=1e-4)
+
+
+def test_the_live_view_of_many_cells_has_fewer_triangles_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(worker, "ALL_TRIANGLES", 300)  # as if two cells were many
+    cells = [
+        Cell(name=n, shape=Sphere(center=(x, 0, 0), radius=5)) for n, x in (("a", 0), ("b", 20))
+    ]
+    live = json.loads(worker.live_frame(Simulation(Scene(cells=cells))))
+    sizes = np.frombuffer(gzip.decompress(base64.b64decode(live["mesh"])), "<u4", 14)
+    assert sizes[0] == 2  # meshes, of each of which vertices, faces, and four numbers follow
+    np.testing.assert_allclose(sizes[[2, 8]], 150, atol=3)
 
 
 def test_the_view_shows_the_last_save_first(folder: Path) -> None:
