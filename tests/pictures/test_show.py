@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -697,6 +698,14 @@ def test_many_cells_are_listed_in_part_and_found_by_name(
     assert tab.locator("#cells li").last.inner_text() == "24 more: find them by name."
     assert tab.input_value("#by") == "generation"
     assert "Generation" in tab.inner_text("#legend")
+    bar = tab.locator("#legend .bar").bounding_box()
+    marks = [mark.bounding_box() for mark in tab.locator("#legend .ticks span").all()]
+    assert bar is not None
+    ends = [(box["x"], box["x"] + box["width"]) for box in filter(None, marks)]
+    assert len(ends) == 5
+    assert bar["x"] - 1 < ends[0][0]
+    assert ends[-1][1] < bar["x"] + bar["width"] + 1
+    assert all(a[1] < b[0] for a, b in pairwise(ends))
     script = "all => all.map(x => x.style.background)"
     colours = tab.locator("#cells .swatch").evaluate_all(script)
     assert colours[:5] == colours[5:10]

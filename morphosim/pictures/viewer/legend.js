@@ -19,8 +19,8 @@ function list(entries) {
 
 function bar({ low, high, stops, ticks }) {
   const marks = ticks.map(([value, text]) => {
-    const left = (100 * (value - low)) / (high - low || 1);
-    return element("span", { style: `left:${left.toFixed(1)}%` }, text);
+    const left = ((100 * (value - low)) / (high - low || 1)).toFixed(1);
+    return element("span", { style: `left:${left}%; transform:translateX(-${left}%)` }, text); // within the bar
   });
   return [
     element("div", { class: "bar", style: `background:linear-gradient(to right, ${stops.join(", ")})` }),

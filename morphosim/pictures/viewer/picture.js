@@ -92,10 +92,10 @@ function drawBar(pen, { title, scale }, ink) {
   pen.fillStyle = fade;
   pen.fillRect(MARGIN, MARGIN + 16, width, 12);
   pen.fillStyle = ink;
-  scale.ticks.forEach(([value, text], k) => {
-    pen.textAlign = k === 0 ? "left" : k === scale.ticks.length - 1 ? "right" : "center";
+  scale.ticks.forEach(([value, text]) => {
     const place = (value - scale.low) / (scale.high - scale.low || 1);
-    pen.fillText(text, MARGIN + width * place, MARGIN + 38);
+    pen.textAlign = "left";
+    pen.fillText(text, MARGIN + (width - pen.measureText(text).width) * place, MARGIN + 38); // within the bar
   });
 }
 
