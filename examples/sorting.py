@@ -34,9 +34,11 @@ def draw_unlike(axes: Axes, run: Dataset) -> None:
 
 
 def draw_places(axes: Axes, run: Dataset) -> None:
-    """Distance of each type from the middle, on average."""
+    """Distance of each type from the middle of all cells, on average."""
+    away = run["centroid"] - run["centroid"].mean("cell")
+    distance = np.sqrt((away**2).sum("axis"))
     for kind, colour in COLOURS.items():
-        radius = run["radial_position"].where(run["type"] == kind).mean("cell")
+        radius = distance.where(run["type"] == kind).mean("cell")
         axes.plot(run["time"], radius, "o-", ms=3, color=colour, label=kind)
     axes.set(xlabel="in silico time", ylabel="distance from the middle, µm")
     axes.legend(frameon=False)
