@@ -11,10 +11,10 @@ import matplotlib as mpl
 mpl.use("agg")
 from matplotlib import pyplot as plt
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
 
 from morphosim import open_run
-from morphosim.pictures.colours import cell_colours
 
 TITLES = {"pressure": "pressure 1 − v/V", "generation": "generation"}
 
@@ -26,15 +26,13 @@ def main(directory: str, picture: str) -> None:
     with open_run(directory) as run:
         for ax, (by, title) in zip(axes, TITLES.items(), strict=True):
             run.morpho.draw(ax, view="corner", by=by, cut="z", names=False, axes=False)
-            scale = cell_colours(run, by=by).scale
-            colours = LinearSegmentedColormap.from_list(by, list(scale.stops))
-            bar = ScalarMappable(Normalize(scale.low, scale.high), colours)
-            room = ax.get_position()
-            place = (room.x0 + 0.1 * room.width, 0.1, 0.8 * room.width, 0.025)
-            figure.colorbar(
-                bar, cax=figure.add_axes(place), orientation="horizontal", label=title,
-                ticks=[value for value, _ in scale.ticks],
-            )  # fmt: skip
+            low, high = float(run[by].min()), float(run[by].max())  # of all saves, as the colours
+            bar = ScalarMappable(Normalize(low, high), "viridis")
+            half = ax.get_position()
+            place = (half.x0 + 0.1 * half.width, 0.1, 0.8 * half.width, 0.025)
+            marks = MaxNLocator(5, integer=by == "generation")
+            room = figure.add_axes(place)
+            figure.colorbar(bar, cax=room, orientation="horizontal", label=title, ticks=marks)
     figure.savefig(picture, dpi=110)
 
 
