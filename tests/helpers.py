@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
+from morphosim import Scene, built_in_scene, scene_names
 from morphosim.engine.engine import Engine
 from morphosim.kernels.noise import normal_vectors
 from morphosim.numerics.parameters import Numerics
@@ -32,6 +34,18 @@ shape = { kind = "sphere", center = [0, 0, 0], radius = 3 }
 """
 """Scene file."""
 StartField = tuple[NDArray[np.int64], NDArray[np.float64]]
+SMALL: dict[str, dict[str, Any]] = {
+    "blastoderm": {
+        "cells.count": 60, "confinement.semi_axes": [60, 30, 30], "confinement.core": [45, 15, 15],
+    },
+    "sorting": {"cells.counts.A": 20, "cells.counts.B": 20},
+}  # fmt: skip
+"""What makes large built-in scenes small."""
+
+
+def built_in_scenes() -> list[Scene]:
+    """All built-in scenes, the large ones small."""
+    return [built_in_scene(name, SMALL.get(name, {})) for name in scene_names()]
 
 
 def lattice(low: ArrayLike, high: ArrayLike, h: float) -> tuple[NDArray[np.int64], list]:

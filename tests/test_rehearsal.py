@@ -24,13 +24,13 @@ from morphosim import (
     Stage,
     Steady,
     When,
-    built_in_scene,
     load_scene,
     save_scene,
-    scene_names,
 )
 from morphosim.scene import stability
 from morphosim.scene.target import Foreseen, Target
+
+from .helpers import built_in_scenes
 
 DIVISION = Division(cell="m", daughters=("a", "b"), axis=(1, 0, 0))
 
@@ -224,8 +224,8 @@ def test_a_target_volume_tells_nothing_where_no_volume_is_kept() -> None:
 
 
 def test_all_built_in_scenes_go_through() -> None:
-    for name in scene_names():
-        built_in_scene(name).rehearsed()
+    for scene in built_in_scenes():
+        scene.rehearsed()
 
 
 def test_a_scene_that_begins_with_a_later_stage_needs_its_cells() -> None:

@@ -33,6 +33,8 @@ from morphosim.cell_table import CellTable
 from morphosim.engine.interactions import Interactions
 from morphosim.geometry.phase_field import lattice_field
 
+from .helpers import SMALL
+
 H = 0.5
 
 
@@ -255,13 +257,6 @@ def test_built_in_scenes_load_under_their_names() -> None:
         assert scene.name == name
         assert scene.description
     assert built_in_scene("single-cell", {"numerics.dt": 0.5}).numerics.dt == 0.5
-
-
-SMALL: dict[str, dict[str, Any]] = {
-    "blastoderm": {"cells.count": 40},
-    "sorting": {"cells.counts": {"A": 4, "B": 5}},
-}
-"""What makes large scenes small."""
 
 
 @pytest.mark.parametrize("name", scene_names())

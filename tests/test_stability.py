@@ -28,14 +28,13 @@ from morphosim import (
     built_in_scene,
     open_run,
     relaxed,
-    scene_names,
 )
 from morphosim.numerics.parameters import PRESETS
 from morphosim.scene import stability
 from morphosim.scene.ends import End
 from morphosim.scene.stability import concerns, explicit_rates
 
-from .helpers import EXPECTED_TO_FAIL
+from .helpers import EXPECTED_TO_FAIL, built_in_scenes
 
 TIGHT = BoxWalls(lower=(-4.1, -3.6, -3.7), upper=(12.3, 3.8, 3.6))
 
@@ -111,7 +110,7 @@ def test_largest_step_of_explicit_euler() -> None:
 
 def test_presets_with_resolved_walls_raise_no_concern() -> None:
     for name in ("draft", "standard", "reference"):
-        for scene in (*map(built_in_scene, scene_names()), pair(), pressed()):
+        for scene in (*built_in_scenes(), pair(), pressed()):
             numerics = Numerics.preset(name)
             if scene.physics.kappa:  # as published, the noise grows with the step
                 numerics = replace(numerics, dt=min(numerics.dt, scene.numerics.dt))
@@ -324,7 +323,7 @@ def test_the_smallest_numbers_have_a_share(values: dict, end: float, share: floa
 
 
 def test_short_runs_of_presets_are_not_warned_of() -> None:
-    for scene in (*map(built_in_scene, scene_names()), pair(), pressed()):
+    for scene in (*built_in_scenes(), pair(), pressed()):
         for name in PRESETS:
             chosen = stability.with_S(replace(scene, numerics=Numerics.preset(name)))
             for end in (1.0, 10.0, 100.0, scene.duration):

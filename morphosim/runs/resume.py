@@ -87,8 +87,8 @@ def _last_state(files: RunDirectory, at: int, last: SaveFacts | None) -> Checkpo
         except ValueError as error:
             faults.append(error)
             continue
-        if last is not None and number > at:
-            again = state  # of a save that is not there; the run comes to it once more
+        if last is not None and number > at and state.time <= last.time:
+            again = state  # from a stage's end that went back; the run comes to it once more
             continue
         for fault in faults:
             message = f"{fault}; the run goes on from {files.restart(number).name}"

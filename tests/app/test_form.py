@@ -87,7 +87,7 @@ def store(tmp_path: Path) -> Store:
 # --- what is touched, and what is not ----------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", scene_names())
+@pytest.mark.parametrize("name", sorted({*scene_names()} - {"blastoderm"}))  # 6000 rows of cells
 def test_a_form_that_nobody_touches_says_the_scene_itself(tmp_path: Path, name: str) -> None:
     scene = built_in_scene(name)
     said = settings(scene, Source(scene=name)).scene(Store(tmp_path))
