@@ -57,7 +57,8 @@ def lattice_field(
     """
     volume = shape.volume if volume is None else volume
     first, last = lattice_corners(shape, name, scale, spacing, volume)
-    check_memory(f"cell {name!r} takes", 0, 0, float((last - first + 1.0).prod()), spacing)
+    size = float((last - first + 1.0).prod())
+    check_memory(f"cell {name!r} takes", size, START_BYTES * size, spacing)
     axes = [np.arange(a, b + 1) * spacing for a, b in zip(first, last, strict=True)]
     points = list(np.meshgrid(*axes, indexing="ij", sparse=True))
     if isinstance(shape, Field):
@@ -139,21 +140,19 @@ def lattice_corners(
     return np.floor(low + 1e-9).astype(np.int64), np.ceil(high - 1e-9).astype(np.int64)
 
 
-def check_memory(what: str, kept: float, point_bytes: int, largest: float, spacing: float) -> None:
+def check_memory(what: str, points: float, needed: float, spacing: float) -> None:
     """Raise ValueError if boxes of so many lattice points do not fit into memory.
 
     Parameters
     ----------
     what : what takes them, the subject of the error
-    kept : lattice points of all cells
-    point_bytes : what each of them takes
-    largest : points of the largest box in which a start field is made
+    points : of all boxes
+    needed : bytes, at least
     spacing : float, µm
     """
-    needed = point_bytes * kept + START_BYTES * largest
     if needed > memory():
         message = (
-            f"{what} {kept or largest:.3g} lattice points at numerics.spacing = {spacing:g} µm, "
+            f"{what} {points:.3g} lattice points at numerics.spacing = {spacing:g} µm, "
             f"at least {needed / 1e9:.3g} GB of memory; there are {memory() / 1e9:.3g} GB. Take "
             "a coarser spacing, or smaller cells"
         )

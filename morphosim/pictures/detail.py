@@ -1,6 +1,6 @@
 """Cells as a picture of many needs them: those that can be seen, no finer than it takes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,14 @@ from morphosim.measure.surfaces import SURFACE
 from morphosim.pictures.cut import Cut
 from morphosim.pictures.meshes import CellMesh, field_meshes, types_of
 from morphosim.provenance import check_memory
-from morphosim.runs.saved_fields import SavedBoxes, saved_boxes, spacing, time_index, variable
+from morphosim.runs.saved_fields import (
+    MOST_READ,
+    SavedBoxes,
+    saved_boxes,
+    spacing,
+    time_index,
+    variable,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,8 +33,6 @@ CHANNEL = 3
 """Gaps between cells that are narrower, in lattice points, let nothing be seen."""
 NEAR = 4
 """Cells this near to the open space may be seen, lattice points."""
-READ = 1 << 24
-"""Values that are read at once."""
 BYTES = 30
 """Memory that a lattice point takes that is taken in: its values, and its share of the meshes."""
 
@@ -92,7 +97,7 @@ def coarseness(boxes: SavedBoxes, points: int) -> int:
     """
     count = float(boxes.start[-1] - boxes.start[0])
     step = next((n for n in range(1, COARSEST) if count / n**3 <= points), COARSEST)
-    needed = BYTES * count / step**3 + READ * boxes.phi.dtype.itemsize
+    needed = BYTES * count / step**3 + MOST_READ * boxes.phi.dtype.itemsize
     check_memory(
         f"a picture of {len(boxes.cell)} cells", needed, "take a time at which there are fewer"
     )
@@ -103,7 +108,7 @@ def coarse_fields(run: "xr.Dataset", boxes: SavedBoxes, step: int) -> list[CellF
     """Fields at the lattice points whose numbers along x, y and z are multiples of `step`."""
     names = variable(run, "cell", "cell").values[boxes.cell]
     fields = []
-    for box, phi in _read(boxes):
+    for box, phi in enumerate(boxes.read_each()):
         origin = boxes.origin[box]
         skipped = -origin % step
         x, y, z = (slice(first, None, step) for first in skipped.tolist())
@@ -157,13 +162,3 @@ def _is_left(field: CellField, cut: Cut, spacing: float) -> bool:
     """Whether a cut leaves anything of a field's box."""
     ends = field.origin[cut.axis] + np.array([0, field.phi.shape[cut.axis] - 1])
     return bool((cut.depth(ends * spacing) > 0).any())
-
-
-def _read(boxes: SavedBoxes) -> Iterator[tuple[int, NDArray]]:
-    """Number and values of each box, of which some are read at once."""
-    first, count = 0, len(boxes.cell)
-    while first < count:
-        stop = int(np.searchsorted(boxes.start, boxes.start[first] + READ, "right")) - 1
-        stop = min(max(stop, first + 1), count)
-        yield from enumerate(boxes.read_some(first, stop), first)
-        first = stop

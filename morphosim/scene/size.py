@@ -1,6 +1,11 @@
 """How many lattice points the cells of a scene take, told before anything is laid out."""
 
-from morphosim.geometry.phase_field import NEGLIGIBLE, check_memory, lattice_corners
+from morphosim.geometry.phase_field import (
+    NEGLIGIBLE,
+    START_BYTES,
+    check_memory,
+    lattice_corners,
+)
 from morphosim.numerics.parameters import Numerics
 from morphosim.scene.scene import Scene
 
@@ -35,10 +40,11 @@ def lattice_points(scene: Scene, least: float = NEGLIGIBLE) -> list[float]:
 def check_size(scene: Scene) -> None:
     """Raise ValueError if the cells do not fit into memory, or those to which they shall grow."""
     numerics, count, most = scene.numerics, len(scene.cells), scene.most_cells
-    each, largest = point_bytes(numerics), max(lattice_points(scene))
+    each, start = point_bytes(numerics), START_BYTES * max(lattice_points(scene))
     what = f"cell {scene.names[0]!r} takes" if count == 1 else f"the {count} cells take"
     kept = sum(lattice_points(scene, numerics.box_tolerance**PACKED))
-    check_memory(what, kept, each, largest, numerics.spacing)
+    check_memory(what, kept, each * kept + start, numerics.spacing)
     if most > count:
         what = f"the {most} cells to which a stage goes on, as large as those of the start, take"
-        check_memory(what, kept * most / count, each, largest, numerics.spacing)
+        then = kept * most / count
+        check_memory(what, then, each * then + start, numerics.spacing)
