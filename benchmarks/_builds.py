@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from importlib.metadata import distributions
 from pathlib import Path
 
+from _revisions import PACKAGE, ROOT, git
 from filelock import FileLock
 
-ROOT = Path(__file__).resolve().parents[1]
 WORKING_TREE = "working tree"
-PACKAGE = ("morphosim", "kernels", "pyproject.toml")
-"""What a revision is installed from."""
 TUNING = ("OPENBLAS_CORETYPE", "OPENBLAS_L2_SIZE")
 """Variables that make BLAS take another machine's kernels; what is timed runs without them."""
 NOT_PINNED = {"morphosim", "pip", "setuptools", "wheel"}
@@ -55,7 +53,7 @@ class Build:
 def build(revision: str | None, cache: Path) -> Build:
     """A revision installed below `cache`; None is the working tree as it is, committed or not."""
     tree = _working_tree() if revision is None else _tree_of(revision)
-    pins, content = _pins(), _git("ls-tree", tree, *PACKAGE)
+    pins, content = _pins(), git("ls-tree", tree, *PACKAGE)
     key = hashlib.sha256("\n".join([content, sys.version, *pins]).encode()).hexdigest()[:16]
     made = Build(revision or WORKING_TREE, tree, cache / key)
     cache.mkdir(parents=True, exist_ok=True)
@@ -108,14 +106,5 @@ def _working_tree() -> str:
     """Git's name of the files as they are, with new ones; the index stays as it is."""
     with tempfile.TemporaryDirectory() as place:
         aside = {"GIT_INDEX_FILE": str(Path(place) / "index")}
-        _git("add", "--all", **aside)
-        return _git("write-tree", **aside)
-
-
-def _git(*arguments: str, **variables: str) -> str:
-    """What git says of this repository."""
-    done = subprocess.run(
-        ["git", *arguments], cwd=ROOT, env=os.environ | variables, check=True,
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    return done.stdout.strip()
+        git("add", "--all", **aside)
+        return git("write-tree", **aside)

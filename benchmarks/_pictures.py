@@ -1,6 +1,7 @@
 """Pictures of what the benchmarks measure."""
 
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,8 @@ import matplotlib as mpl
 import matplotlib.ticker
 import numpy as np
 import xarray as xr
+from _history import Course
+from matplotlib.axes import Axes
 
 from morphosim import Physics
 
@@ -181,3 +184,50 @@ def limits_picture(data: xr.Dataset, path: Path) -> None:
     figure.legend(used.values(), used.keys(), loc="outside upper center", ncols=len(used))
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def history_picture(courses: Sequence[Course], commits: Mapping[str, datetime], path: Path) -> None:
+    """Figures over commits, relative to the first; a panel for each benchmark and what it tells."""
+    panels: dict[str, list[Course]] = {}
+    for course in courses:
+        panels.setdefault(f"{course.what} ({course.benchmark})", []).append(course)
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    figure, all_axes = plt.subplots(
+        rows, columns, figsize=(6.8 * columns, 4.6 * rows), layout="constrained", squeeze=False
+    )
+    for axes in all_axes.flat[len(panels) :]:
+        axes.remove()
+    for axes, (title, members) in zip(all_axes.flat, panels.items(), strict=False):
+        _history_panel(axes, members, commits)
+        axes.set_title(title, loc="left")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _history_panel(axes: Axes, courses: Sequence[Course], commits: Mapping[str, datetime]) -> None:
+    """One panel: the median of each commit as a line, each measurement as a mark."""
+    measured = {point.commit for course in courses for point in course.points}
+    place = {commit: k for k, commit in enumerate(c for c in commits if c in measured)}
+    for k, course in enumerate(courses):
+        color, marker = COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
+        by_commit = {
+            commit: [p.ratio for p in course.points if p.commit == commit] for commit in place
+        }
+        line = {place[c]: np.median(ratios) for c, ratios in by_commit.items() if ratios}
+        axes.plot(list(line), list(line.values()), color=color, lw=1.8)
+        for p in course.points:
+            axes.errorbar(
+                place[p.commit], p.ratio, [[p.ratio - p.low], [p.high - p.ratio]], color=color,
+                marker=marker, ms=7, mfc="white" if p.busy else color, lw=1, capsize=2,
+            )  # fmt: skip
+        axes.plot([], [], color=color, marker=marker, mfc="white", label=course.label)
+    axes.axhline(1, color="0.6", lw=0.8, zorder=0)
+    axes.set(yscale="log", ylabel="relative to the first commit")
+    axes.set_xticks(
+        list(place.values()), [f"{c[:8]}\n{commits[c]:%d %b %Y}" for c in place], fontsize=8
+    )
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(mpl.ticker.LogFormatter(minor_thresholds=(2, 0.5)))
+    axes.grid(which="both", alpha=0.2)
+    axes.legend(fontsize=8)

@@ -21,9 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _builds import Build, build
+from _builds import WORKING_TREE, Build, build
 from _common import machine, packed_points, print_table
 from _pairs import Box, largest_difference, paired_ratios
+from _revisions import commit, uncommitted
 
 RADIUS, DT = 4.0, 1.5
 WORKER = Path(__file__).with_name("_compare_worker.py")
@@ -187,6 +188,14 @@ def start_row(what: str, ratios: dict[str, float]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def described(made: Build) -> dict[str, Any]:
+    """A revision and its commit; a working tree with changes has none."""
+    known = {"name": made.name, "tree": made.tree}
+    if made.name != WORKING_TREE:
+        return known | commit(made.name)
+    return known if uncommitted() else known | commit()
+
+
 def counts(text: str) -> list[int]:
     """Numbers with commas between them."""
     return [int(part) for part in text.split(",")]
@@ -229,7 +238,7 @@ def main() -> None:
         starts += [compile_row(s, builds, options.threads) for s in options.solvers.split(",")]
     print_table(starts)
     if options.json is not None:
-        revisions = [{"name": made.name, "tree": made.tree} for made in builds]
+        revisions = [described(made) for made in builds]
         result = {"machine": machine(), "revisions": revisions, "rows": rows, "starts": starts}
         options.json.write_text(json.dumps(result, indent=1))
 

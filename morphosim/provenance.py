@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
-LIBRARIES = ("morphosim", "numpy", "scipy", "numba", "netCDF4", "xarray")
+LIBRARIES = ("morphosim", "numpy", "scipy", "numba", "llvmlite", "netCDF4", "xarray")
 
 
 @cache
@@ -62,12 +62,15 @@ def check_memory(what: str, needed: float, advice: str) -> None:
 
 
 def machine() -> dict[str, Any]:
-    """Processor, system, library versions, and what BLAS and OpenMP run on."""
+    """Processor, memory, system, library versions, and what BLAS and OpenMP run on."""
+    from llvmlite.binding import get_host_cpu_name
     from threadpoolctl import threadpool_info
 
     blas = [f"{b['internal_api']} {b.get('architecture', '')}" for b in threadpool_info()]
     return {
         "cpu": processor(),
+        "known to LLVM as": get_host_cpu_name(),
+        "memory, GB": round(memory() / 1e9, 1) if math.isfinite(memory()) else None,
         "system": platform.platform(),
         **versions(),
         "thread pools": sorted({pool.strip() for pool in blas}),
