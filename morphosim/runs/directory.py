@@ -10,6 +10,7 @@ from morphosim.errors import SaveError
 
 SCENE = "scene.toml"
 SHELL = "shell.npz"
+INDEX = "saves.index"
 LOCK = "lock"
 
 
@@ -23,6 +24,11 @@ class RunDirectory:
     def scene(self) -> Path:
         """The scene file."""
         return self.path / SCENE
+
+    @property
+    def index(self) -> Path:
+        """File of the tables of all saves, see `save_index`."""
+        return self.path / INDEX
 
     @property
     def described(self) -> list[Path]:
@@ -96,7 +102,7 @@ class RunDirectory:
         FileExistsError
             A directory has the name of such a file; nothing is deleted then.
         """
-        files = [*self.described, *self._after(-1)]
+        files = [*self.described, *self._after(-1), self.index]
         for file in files:
             if file.is_dir():
                 message = f"{file} is a directory, which is not replaced; take another directory"

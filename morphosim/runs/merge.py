@@ -77,33 +77,45 @@ class Save:
 
         with netCDF4.Dataset(path) as file:
             file.set_auto_mask(False)
-            table = _values(file)
-            groups = {name: _values(group) for name, group in file.groups.items()}
-            areas = table.pop(MATRIX, None)
-            if areas is not None:
-                groups["contacts"] = _list_of(areas[0])
-            variables = {
-                name: described(variable)
-                for group in (file, *file.groups.values())
-                for name, variable in group.variables.items()
-            }
-            if "time" in variables["parent"].dims:  # in saves before 0.2 it is not
-                variables["parent"] = replace(variables["parent"], dims=("cell",))
-                table["parent"] = table["parent"][0]
-            return cls(
-                path=path,
-                of_root=list(table),
-                table={name: held for name, held in table.items() if _is_held(held)},
-                groups=groups,
-                variables=variables,
-                matrix=areas is not None,
+            return cls.of(
+                path,
+                {"": _values(file)} | {name: _values(group) for name, group in file.groups.items()},
+                {
+                    name: described(variable)
+                    for group in (file, *file.groups.values())
+                    for name, variable in group.variables.items()
+                },
                 lengths={
                     name: len(file[group][name]) for name, group in LAZY.items()
                     if group in file.groups
                 },
-                packed="fields" in file.groups and file["fields"]["phi"].dtype.kind == "i",
                 attributes={name: file.getncattr(name) for name in file.ncattrs()},
             )  # fmt: skip
+
+    @classmethod
+    def of(
+        cls, path: Path, tables: Mapping[str, Table], variables: Mapping[str, Variable], *,
+        lengths: Mapping[str, int], attributes: Mapping[str, Any],
+    ) -> "Save":  # fmt: skip
+        """Save of what a file holds; `tables` by group, where "" is the root."""
+        table, groups = dict(tables[""]), {name: tables[name] for name in tables if name}
+        variables, areas = dict(variables), table.pop(MATRIX, None)
+        if areas is not None:
+            groups["contacts"] = _list_of(areas[0])
+        if "time" in variables["parent"].dims:  # in saves before 0.2 it is not
+            variables["parent"] = replace(variables["parent"], dims=("cell",))
+            table["parent"] = table["parent"][0]
+        return cls(
+            path=path,
+            of_root=list(table),
+            table={name: held for name, held in table.items() if is_held(held)},
+            groups=groups,
+            variables=variables,
+            matrix=areas is not None,
+            lengths=lengths,
+            packed="phi" in lengths and np.dtype(variables["phi"].kind).kind == "i",
+            attributes=attributes,
+        )
 
     def values(self, name: str) -> NDArray[Any]:
         """Values of a variable of the root."""
@@ -147,16 +159,16 @@ def check_complete(
 
 def _values(group: Any) -> Table:
     read = {name: v[...] for name, v in group.variables.items() if name not in LAZY}
-    return {name: _shortened(v) if v.dtype.kind in "OU" else v for name, v in read.items()}
+    return {name: shortened(v) if v.dtype.kind in "OU" else v for name, v in read.items()}
 
 
-def _shortened(texts: NDArray[Any]) -> NDArray[Any]:
+def shortened(texts: NDArray[Any]) -> NDArray[Any]:
     """Texts without room for longer ones: files count the bytes of UTF-8."""
     plain = texts.astype(str)
     return plain.astype(f"U{max(int(np.char.str_len(plain).max(initial=1)), 1)}")
 
 
-def _is_held(values: NDArray[Any]) -> bool:
+def is_held(values: NDArray[Any]) -> bool:
     """Whether a save keeps what it has read, all of which has been read once to see it is whole."""
     return values.size <= MOST_HELD or values.dtype.kind == "U"
 

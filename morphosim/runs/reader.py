@@ -11,6 +11,7 @@ from morphosim.runs.lazy_concat import MOST_AT_ONCE
 from morphosim.runs.merge import LAZY, Save, check_complete, merged, with_coordinates
 from morphosim.runs.netcdf_variables import PACKED_PHI
 from morphosim.runs.save_facts import most_common
+from morphosim.runs.save_index import indexed_saves
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,11 +38,11 @@ def read_run(path: str | Path) -> "xr.Dataset":
     path = Path(path)
     if path.is_file():
         return _packed(path)
-    paths = RunDirectory(path).saves
-    if not paths:
+    files = RunDirectory(path)
+    if not files.saves:
         message = f"{path} holds no run: there is no save-*.nc"
         raise FileNotFoundError(message)
-    run = merged(_in_order(_of_one_run(_readable(paths))))
+    run = merged(_in_order(_of_one_run(_readable(files))))
     run.encoding["source"] = str(path.absolute())  # as xarray tells it of a file
     return run
 
@@ -93,13 +94,13 @@ def _opened(path: Path) -> "xr.Dataset":
     return file
 
 
-def _readable(paths: Sequence[Path]) -> list[Save]:
+def _readable(files: RunDirectory) -> list[Save]:
     """Those of the saves that can be read; ValueError if none can."""
-    saves: list[Save] = []
+    known, saves = indexed_saves(files), list[Save]()
     faults: list[ValueError] = []
-    for path in paths:
+    for path in files.saves:
         try:
-            saves.append(Save.read(path))
+            saves.append(known.get(path) or Save.read(path))
         except ValueError as error:
             faults.append(error)
     if not saves:

@@ -2,6 +2,8 @@
 
 import json
 import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,10 @@ from numpy.typing import NDArray
 
 from morphosim._parts import Joined
 from morphosim.measure.label_image import label_image
+from morphosim.measure.variable import Variable
 from morphosim.provenance import processor, versions
 from morphosim.runs.measured_state import MeasuredState, variables
+from morphosim.runs.merge import MATRIX, Save, shortened
 from morphosim.runs.netcdf_variables import PackedPhi, Values, write_variables
 from morphosim.runs.observed import Observed
 from morphosim.runs.schema import (
@@ -29,39 +33,92 @@ MOST_IN_MEMORY = 1 << 26
 """Bytes of fields whose file is put together in memory first, which is quicker."""
 
 
-def write_save(path: Path, state: MeasuredState, fields: str, labels: bool) -> None:
-    """Write the netCDF file of a state; its fields in pieces, so that they are not held twice.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What is to be saved of a state.
+
+    Attributes
+    ----------
+    attributes : of the file
+    root, groups : values of variables; in the root those that are measured, and names
+    """
+
+    attributes: Mapping[str, Any]
+    root: Values
+    groups: Mapping[str, Values]
+
+    @classmethod
+    def of(cls, state: MeasuredState, fields: str, labels: bool) -> "Contents":
+        """Measure a state; its fields, of which no copy is held, must stay until they are written.
+
+        Raises
+        ------
+        VariableError
+            A variable cannot be measured.
+        """
+        root = _names(state) | {name: value[None] for name, value in state.table.items()}
+        groups: dict[str, Values] = {}
+        if len(state.names) <= MOST_DENSE_CELLS:
+            root[MATRIX] = _matrix(state)[None]
+        else:
+            groups["contacts"] = _pairs(state)
+        if fields != "none":
+            groups["fields"] = _fields(state, fields == "packed")
+        if labels:
+            groups["labels"] = _labels(state)
+        return cls(attributes=provenance(state.simulation), root=root, groups=groups)
+
+    @property
+    def parts(self) -> Iterator[tuple[str, Mapping[str, Variable], Values]]:
+        """Name of each group, the root being "", with its variables and their values."""
+        yield "", COORDINATES | PARENT | variables() | CONTACT_MATRIX, self.root
+        for name, values in self.groups.items():
+            yield name, GROUPS[name], values
+
+    def as_read(self, path: Path) -> Save:
+        """What reading the file will give; no pass over the fields, nor over the file."""
+        tables: dict[str, Any] = {}
+        stored: dict[str, Variable] = {}
+        lengths: dict[str, int] = {}
+        for group, declared, values in self.parts:
+            tables[group] = {}
+            for name, given in values.items():
+                variable, kind = declared[name], declared[name].kind
+                if variable.lazy:
+                    kind, lengths[name] = given.dtype, given.shape[0]
+                elif kind is str:
+                    tables[group][name] = shortened(np.asarray(given))
+                else:
+                    tables[group][name] = np.array(given, kind)
+                kind = kind if kind is str else np.dtype(kind)
+                stored[name] = Variable.stored(variable.dims, kind, variable.attributes)
+        attributes = {
+            name: said if isinstance(said, str) else np.asarray(said)[()]
+            for name, said in self.attributes.items()
+        }
+        return Save.of(path, tables, stored, lengths=lengths, attributes=attributes)
+
+
+def write_save(path: Path, contents: Contents) -> None:
+    """Write the netCDF file of a save; its fields in pieces, so that they are not held twice.
 
     Raises
     ------
     OSError, RuntimeError
         The file cannot be written; see `_files.replacing`.
-    VariableError
-        A variable cannot be measured.
     """
     import netCDF4
 
-    table = state.table
-    small = sum(field.phi.nbytes for field in state.fields) <= MOST_IN_MEMORY
+    large = (
+        values[name] for _, declared, values in contents.parts
+        for name in values if declared[name].lazy
+    )  # fmt: skip
+    size = sum(int(np.prod(given.shape)) * given.dtype.itemsize for given in large)
+    small = size <= MOST_IN_MEMORY
     with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=small, persist=small) as file:
-        _write(file, state, table, fields, labels)
-
-
-def _write(file: Any, state: MeasuredState, table: Values, fields: str, labels: bool) -> None:
-    file.setncatts(provenance(state.simulation))
-    write_variables(file, COORDINATES | PARENT, _names(state))
-    write_variables(file, variables(), {name: value[None] for name, value in table.items()})
-    groups: dict[str, Values] = {}
-    if len(state.names) <= MOST_DENSE_CELLS:
-        write_variables(file, CONTACT_MATRIX, {"contact_area": _matrix(state)[None]})
-    else:
-        groups["contacts"] = _pairs(state)
-    if fields != "none":
-        groups["fields"] = _fields(state, fields == "packed")
-    if labels:
-        groups["labels"] = _labels(state)
-    for name, values in groups.items():
-        write_variables(file.createGroup(name), GROUPS[name], values)
+        file.setncatts(contents.attributes)
+        for name, declared, values in contents.parts:
+            write_variables(file.createGroup(name) if name else file, declared, values)
 
 
 def provenance(simulation: Observed) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.netcdf_variables import stored_variables
 from morphosim.runs.observed import Observed
 from morphosim.runs.save_facts import facts_of, whole_saves
-from morphosim.runs.save_file import write_save
+from morphosim.runs.save_file import Contents, write_save
+from morphosim.runs.save_index import add_to_index, mend_index
 from morphosim.runs.shell import write_shell
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import SAVE_FIELDS, Scene
@@ -173,6 +174,7 @@ class RunWriter:
         else:
             self.files.check_free()
         self.files.tidy()
+        mend_index(self.files)
         self._place = self.files.place
         self._told = [(-1.0, 0)]  # time of each save, and how many events it and those before tell
         self._marks.append(_positions(simulation))
@@ -270,10 +272,12 @@ class RunWriter:
             checkpoint = state.simulation.checkpoint(lasting=False)
             kept = self._other.submit(checkpoint.write, self.files.restart(number))
             try:
-                write_save(partial, state, self.fields, self.labels)
+                contents = Contents.of(state, self.fields, self.labels)
+                write_save(partial, contents)
             finally:
                 wait([kept])  # it reads the fields, which must stay
             kept.result()  # a save appears after the checkpoint
+        add_to_index(self.files, contents.as_read(self.files.save(number)))
 
     def _mark_before(self, time: float) -> Positions | None:
         """Where cells were at the last mark that lies in the past."""

@@ -152,7 +152,8 @@ def test_what_a_killed_process_leaves_is_cleared_away(tmp_path: Path) -> None:
     again.run(until=40, observers=[RunWriter(tmp_path, 20, resume=True)])
     names = {p.name for p in tmp_path.iterdir()}
     states = {f"restart-00000{k}.npz" for k in (1, 2)}  # of two saves, if one is damaged
-    assert names == {"lock", "scene.toml", *states} | {f"save-00000{k}.nc" for k in range(3)}
+    saves = {f"save-00000{k}.nc" for k in range(3)}
+    assert names == {"lock", "saves.index", "scene.toml", *states} | saves
     assert Checkpoint.read(tmp_path / "restart-000002.npz").steps == 20
 
 
