@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,10 +30,13 @@ from morphosim import (
     open_run,
     relaxed,
 )
+from morphosim.geometry import phase_field
+from morphosim.geometry.shapes import Shape
 from morphosim.numerics.parameters import PRESETS
 from morphosim.scene import stability
 from morphosim.scene.ends import End
 from morphosim.scene.stability import concerns, explicit_rates
+from morphosim.simulation import start
 
 from .helpers import EXPECTED_TO_FAIL, built_in_scenes
 
@@ -177,6 +181,41 @@ def test_walls_that_do_not_press_need_less() -> None:
     growing = [replace(cell, volume=400.0) for cell in free.cells]
     assert len(concerns(replace(free, cells=growing))) == 1
     assert len(concerns(free.with_numerics(S=11.5))) == 1
+
+
+@pytest.mark.parametrize("half", [4.6, 4.4, 4.3, 3.9])
+def test_each_start_field_is_made_once_and_tells_how_walls_press(
+    half: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stone = Cell(name="stone", shape=Sphere(center=(0, 0, half - 0.4), radius=1.5), frozen=True)
+    scene = between_walls(half)
+    scene = replace(scene, cells=[*scene.cells, stone])
+    shares = [stability._outside(cell, scene) for cell in scene.cells]
+    assert shares[2] > max(shares[:2])
+    made: list[str] = []
+
+    def counted(shape: Shape, name: str, *others: Any) -> Any:
+        made.append(name)
+        return phase_field.lattice_field(shape, name, *others)
+
+    for module in (start, stability):
+        monkeypatch.setattr(module, "lattice_field", counted)
+    simulation = Simulation(scene)
+    assert made == ["left", "right", "stone"]
+    assert simulation.engine.explicit_rate == stability.start_rate(scene)
+    press = (max(shares[:2]) - stability.TOUCHING) / (stability.PRESSING - stability.TOUCHING)
+    assert stability.pressing(scene) == pytest.approx(np.clip(press, 0, 1), abs=1e-12)
+
+
+def test_fields_are_not_made_to_see_what_is_no_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = between_walls(4.3)
+    given = scene.with_numerics(S=8.0)
+    crowded = replace(scene, physics=Physics(sigma=0.5, g=100.0))
+    monkeypatch.setattr(stability, "_outside", lambda *_: pytest.fail("a field was made"))
+    assert stability.start_rate(given) > 0
+    assert stability.start_rate(crowded) > 0
+    with pytest.raises(pytest.fail.Exception):
+        stability.start_rate(scene)
 
 
 @pytest.mark.parametrize(

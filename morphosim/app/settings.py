@@ -26,6 +26,9 @@ from morphosim.scene.stability import chosen_S
 OWN = "as the scene says"
 """The preset that changes nothing."""
 PRESET_NAMES = (OWN, *PRESETS)
+MANY = 200
+"""From so many cells between walls on, a run tells S and the form does not: it depends on how far
+they reach into the walls, and to see that takes some 10 ms a cell and preset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,6 +204,8 @@ def S_text(scene: Scene, numerics: Numerics) -> str:
     """S that a scene has with these numerics."""
     if numerics.S is not None:
         return exact(numerics.S)
+    if scene.confinement is not None and len(scene.cells) >= MANY:
+        return "chosen"
     try:
         return f"{chosen_S(replace(scene, numerics=numerics)):.2g} (chosen)"
     except ValueError:  # this lattice does not resolve a cell; a run with it says so

@@ -20,7 +20,7 @@ from morphosim.simulation.observers import (
     tell_step,
 )
 from morphosim.simulation.simulation import Simulation
-from morphosim.simulation.start import cell_columns, start_fields
+from morphosim.simulation.start import StartFields, cell_columns
 
 
 class DistributedSimulation(Simulation):
@@ -61,12 +61,11 @@ class DistributedSimulation(Simulation):
         comm, cells = world(), self.scene.cells
         self._check_shares(len(cells))
         rows = np.arange(comm.rank, len(cells), comm.size)
-        fields = agreed(
-            comm, lambda: list(start_fields(self.scene, [cells[i] for i in rows.tolist()]))
-        )
+        own = StartFields(self.scene, [cells[i] for i in rows.tolist()])
+        fields = agreed(comm, lambda: list(own))
         engine = cast(DistributedEngine, self.engine)
         engine.start(cell_columns(cells), self.scene.types, rows, fields)
-        engine.explicit_rate = stability.start_rate(self.scene)
+        engine.explicit_rate = stability.start_rate(self.scene, max(comm.allgather(own.outside)))
         self._used = used_names(engine.everyone)
 
     def _take_over(self, state: Checkpoint) -> None:

@@ -19,7 +19,7 @@ time T, (1 - exp(-T/L)) L/T, or S δt / (τ + S δt), is missing at the end. Wha
 exp(-T / 2L), which is less (`benchmarks/stability.py --only lag`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -219,23 +219,37 @@ def too_small(numerics: Numerics, rates: Mapping[str, float], needed: float) -> 
     )
 
 
-def pressing(scene: Scene) -> float:
-    """How much walls press the cells, from 0 to 1: at the start, or if they divide or grow."""
+def pressing(scene: Scene, outside: float | None = None) -> float:
+    """How much walls press the cells, from 0 to 1: at the start, or if they divide or grow.
+
+    Parameters
+    ----------
+    scene : Scene
+    outside : float, optional
+        Largest share of ∫ φ that a cell has beyond the walls at the start, frozen cells left out.
+        If it is not given, start fields are made to see.
+    """
     if scene.confinement is None:
         return 0.0
     stepped = [cell for cell in scene.cells if not cell.frozen]
     if scene.stages or any(_grows(cell) for cell in stepped):
         return 1.0
-    most = 0.0
-    for cell in stepped:
-        most = max(most, (_outside(cell, scene) - TOUCHING) / (PRESSING - TOUCHING))
-        if most >= 1:
-            return 1.0
-    return most
+    most = _most_outside(scene, stepped) if outside is None else outside
+    return float(np.clip((most - TOUCHING) / (PRESSING - TOUCHING), 0.0, 1.0))
 
 
 def _grows(cell: Cell) -> bool:
     return callable(cell.volume) or cell.target_volume(0.0) > GROWTH * cell.start_volume
+
+
+def _most_outside(scene: Scene, cells: Iterable[Cell]) -> float:
+    """Largest share beyond the walls at the start, or one that is as good."""
+    most = 0.0
+    for cell in cells:
+        most = max(most, _outside(cell, scene))
+        if most >= PRESSING:
+            break
+    return most
 
 
 def _outside(cell: Cell, scene: Scene) -> float:
@@ -380,10 +394,13 @@ def safe_rate(physics: Physics, conditions: Conditions) -> float:
     return float(np.ceil(rate / DIGIT) * DIGIT)
 
 
-def start_rate(scene: Scene) -> float:
-    """Rate that S is chosen for at the start of a scene."""
-    press = pressing(scene) if scene.numerics.S is None else 1.0
-    return safe_rate(scene.physics, replace(conditions(scene, scene.physics), pressing=press))
+def start_rate(scene: Scene, outside: float | None = None) -> float:
+    """Rate that S is chosen for at the start of a scene; for `outside` see `pressing`."""
+    found = conditions(scene, scene.physics)
+    pressed, free = (safe_rate(scene.physics, replace(found, pressing=p)) for p in (1.0, 0.0))
+    if scene.numerics.S is not None or free == pressed:  # whether walls press is no matter
+        return pressed
+    return safe_rate(scene.physics, replace(found, pressing=pressing(scene, outside)))
 
 
 def chosen_S(scene: Scene) -> float:

@@ -40,7 +40,7 @@ from morphosim.simulation.observers import (
     tell_step,
 )
 from morphosim.simulation.stage_runner import StageRunner
-from morphosim.simulation.start import cell_columns, start_fields
+from morphosim.simulation.start import StartFields, cell_columns
 from morphosim.simulation.state import State
 from morphosim.simulation.volumes import VolumeFunctions
 
@@ -179,9 +179,9 @@ class Simulation(State):
     def _start(self) -> None:
         """Begin with the cells of the scene."""
         check_size(self.scene)
-        cells = self.scene.cells
-        self.engine.start(cell_columns(cells), self.scene.types, start_fields(self.scene, cells))
-        self.engine.explicit_rate = stability.start_rate(self.scene)
+        cells, fields = self.scene.cells, StartFields(self.scene, self.scene.cells)
+        self.engine.start(cell_columns(cells), self.scene.types, fields)
+        self.engine.explicit_rate = stability.start_rate(self.scene, fields.outside)
         self._used = used_names(self.engine.everyone)
 
     @classmethod

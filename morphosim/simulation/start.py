@@ -25,21 +25,35 @@ def cell_columns(cells: Sequence[Cell]) -> dict[str, Any]:
     }
 
 
-def start_fields(
-    scene: Scene, cells: Iterable[Cell]
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
-    """Origin and field of each of these cells of a scene, one after the other.
+class StartFields:
+    """Origin and field of each of some cells of a scene, made while they are iterated over.
+
+    Attributes
+    ----------
+    outside : float
+        Largest share of ∫ φ beyond the confinement of those made so far, frozen cells left out: see
+        `stability.start_rate`.
 
     Raises
     ------
     ValueError
         A cell starts outside of the confinement, or is too small for the lattice.
     """
-    scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
-    for cell in cells:
-        origin, phi = lattice_field(cell.shape, cell.name, scale, spacing, cell.start_volume)
-        _check_inside(cell, share_outside(scene.confinement, origin, phi, spacing))
-        yield origin, phi
+
+    def __init__(self, scene: Scene, cells: Iterable[Cell]) -> None:
+        self.outside = 0.0
+        self._scene, self._cells = scene, cells
+
+    def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.floating]]]:
+        scene = self._scene
+        scale, spacing = scene.physics.interface_scale, scene.numerics.spacing
+        for cell in self._cells:
+            origin, phi = lattice_field(cell.shape, cell.name, scale, spacing, cell.start_volume)
+            outside = share_outside(scene.confinement, origin, phi, spacing)
+            _check_inside(cell, outside)
+            if not cell.frozen:
+                self.outside = max(self.outside, outside)
+            yield origin, phi
 
 
 def _check_inside(cell: Cell, outside: float) -> None:

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from morphosim import (
     Attraction,
+    BoxWalls,
     Cell,
     MaskWalls,
     Numerics,
@@ -31,6 +32,7 @@ from morphosim import (
     open_run,
     save_scene,
 )
+from morphosim.app import settings as form_settings
 from morphosim.app import worker
 from morphosim.app.form import STATE, Form
 from morphosim.app.processes import Child
@@ -39,6 +41,7 @@ from morphosim.app.source import NO_CODE, Source
 from morphosim.app.store import Store
 from morphosim.cli import app
 from morphosim.library.built_in import scene_names
+from morphosim.scene import stability
 from morphosim.scene.file import scene_table
 from morphosim.scene.stability import check, concerns
 from tests.app.page_state import State
@@ -168,6 +171,16 @@ def test_what_empty_fields_show(store: Store) -> None:
     walled = two_cells(confinement=MaskWalls(inside=inside, origin=(-10, -10, -10), spacing=0.5))
     assert facts(walled)["numerics"][OWN]["S"] == "15 (chosen)"
     assert facts(walled.with_numerics(S=6.0))["numerics"][OWN]["S"] == "6"
+
+
+def test_the_form_of_many_cells_between_walls_makes_no_fields(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(form_settings, "MANY", 2)
+    monkeypatch.setattr(stability, "_outside", lambda *_: pytest.fail("a field was made"))
+    walls = BoxWalls(lower=(-20, -20, -20), upper=(20, 20, 20))
+    assert facts(two_cells(confinement=walls))["numerics"][OWN]["S"] == "chosen"
+    assert facts(two_cells())["numerics"][OWN]["S"].endswith(" (chosen)")
 
 
 def test_an_S_that_is_given_stays(store: Store) -> None:
