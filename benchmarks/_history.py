@@ -32,12 +32,14 @@ class Figure(NamedTuple):
     """Columns that tell rows apart."""
     rows: str = "rows"
     """Where in the result the rows are."""
+    least: int = 0
+    """Rows of fewer cells are left out: what is measured of them is lost in other things."""
 
 
 FIGURES = {
     "compare": (
         Figure("time of a step", RATIO, ("cells", "solver", "threads")),
-        Figure("memory per cell", AFTER, ("cells", "solver", "threads")),
+        Figure("memory per cell", AFTER, ("cells", "solver", "threads"), least=100),
         Figure("start", RATIO, ("what",), "starts"),
     ),
     "step": (
@@ -134,7 +136,7 @@ def courses(history: Sequence[Entry]) -> tuple[list[Course], list[str]]:
 
     A ratio of `compare` holds on any machine: it is multiplied by what its earlier commit has come
     to in entries before. Figures of other benchmarks are divided by the first that has the same
-    options and is of the same kind of processor and system. What is of no commit is left out.
+    options and is of the same kind of processor. What is of no commit is left out.
     """
     found: Courses = {}
     unknown = []
@@ -169,14 +171,14 @@ def _rows(entry: Entry) -> Iterator[tuple[Figure, Mapping[str, Any]]]:
     """Figures of an entry, each with the row that has it."""
     for figure in FIGURES[entry["benchmark"]]:
         for row in entry["result"].get(figure.rows, ()):
-            if row[figure.column] is not None:
+            if row[figure.column] is not None and row.get("cells", figure.least) >= figure.least:
                 yield figure, row
 
 
 def _follow(found: Courses, entry: Entry, figure: Figure, row: Mapping[str, Any]) -> bool:
     """Add a figure of one commit."""
     machine = entry["result"]["machine"]
-    like = *entry["options"], machine["cpu"], machine["known to LLVM as"], machine["system"]
+    like = *entry["options"], machine["cpu"], machine["known to LLVM as"]
     course = _course(found, entry, figure, row, like)
     course.first = course.first or row[figure.column]
     course.add(entry, entry, row[figure.column] / course.first)

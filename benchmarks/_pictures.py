@@ -22,6 +22,10 @@ COLORS = (
 )  # fmt: skip
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
 MARKERS = "os^Dvp<>PX*hd"
+BESIDE = 0.05
+"""How far figures of one commit stand beside each other, in commits."""
+LEAST_SPAN = 2.0
+"""Ratios that a picture of the history shows at least, so that noise looks small."""
 LABELS = {"reference": (-60, -24)}
 """Where the name of a preset stands beside its circle, points, if not above it."""
 
@@ -191,10 +195,10 @@ def history_picture(courses: Sequence[Course], commits: Mapping[str, datetime], 
     panels: dict[str, list[Course]] = {}
     for course in courses:
         panels.setdefault(f"{course.what} ({course.benchmark})", []).append(course)
-    columns = min(len(panels), 2)
+    columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure, all_axes = plt.subplots(
-        rows, columns, figsize=(6.8 * columns, 4.6 * rows), layout="constrained", squeeze=False
+        rows, columns, figsize=(5.2 * columns, 4.4 * rows), layout="constrained", squeeze=False
     )
     for axes in all_axes.flat[len(panels) :]:
         axes.remove()
@@ -211,23 +215,28 @@ def _history_panel(axes: Axes, courses: Sequence[Course], commits: Mapping[str, 
     place = {commit: k for k, commit in enumerate(c for c in commits if c in measured)}
     for k, course in enumerate(courses):
         color, marker = COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
-        by_commit = {
-            commit: [p.ratio for p in course.points if p.commit == commit] for commit in place
+        beside = BESIDE * (k - (len(courses) - 1) / 2)
+        line = {
+            place[c] + beside: np.median([p.ratio for p in course.points if p.commit == c])
+            for c in place
+            if c in {point.commit for point in course.points}
         }
-        line = {place[c]: np.median(ratios) for c, ratios in by_commit.items() if ratios}
-        axes.plot(list(line), list(line.values()), color=color, lw=1.8)
+        axes.plot(list(line), list(line.values()), color=color, lw=1.5)
         for p in course.points:
             axes.errorbar(
-                place[p.commit], p.ratio, [[p.ratio - p.low], [p.high - p.ratio]], color=color,
-                marker=marker, ms=7, mfc="white" if p.busy else color, lw=1, capsize=2,
+                place[p.commit] + beside, p.ratio, [[p.ratio - p.low], [p.high - p.ratio]],
+                color=color, marker=marker, ms=7, mfc="white" if p.busy else color, lw=1, capsize=2,
             )  # fmt: skip
         axes.plot([], [], color=color, marker=marker, mfc="white", label=course.label)
     axes.axhline(1, color="0.6", lw=0.8, zorder=0)
     axes.set(yscale="log", ylabel="relative to the first commit")
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 1 / LEAST_SPAN), max(high, LEAST_SPAN))
     axes.set_xticks(
-        list(place.values()), [f"{c[:8]}\n{commits[c]:%d %b %Y}" for c in place], fontsize=8
+        list(place.values()), [f"{c[:8]}\n{commits[c]:%d %b %Y}" for c in place], fontsize=7
     )
+    axes.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(mpl.ticker.LogFormatter(minor_thresholds=(2, 0.5)))
-    axes.grid(which="both", alpha=0.2)
-    axes.legend(fontsize=8)
+    axes.yaxis.set_minor_locator(mpl.ticker.NullLocator())
+    axes.grid(axis="y", alpha=0.3)
+    axes.legend(fontsize=8, loc="upper left")

@@ -71,7 +71,7 @@ def machine() -> dict[str, Any]:
         "cpu": processor(),
         "known to LLVM as": get_host_cpu_name(),
         "memory, GB": round(memory() / 1e9, 1) if math.isfinite(memory()) else None,
-        "system": platform.platform(),
+        "system": f"{platform.system()} {platform.machine()}",
         **versions(),
         "thread pools": sorted({pool.strip() for pool in blas}),
     }

@@ -179,11 +179,16 @@ class User:
 
     @staticmethod
     def _check_python(words: list[str]) -> None:
-        """A script that exists and knows its options; it takes minutes. Or the command line."""
+        """A script that exists and knows its options, or the benchmark that it runs does.
+
+        It takes minutes. Or the command line.
+        """
         if words[0] == "-m":
             assert words[1:] == ["morphosim"]
             return
-        source = (ROOT / words[0]).read_text(encoding="utf-8")
+        runs = [ROOT / "benchmarks" / f"{word}.py" for word in words[1:]]
+        scripts = [ROOT / words[0], *(path for path in runs if path.exists())]
+        source = " ".join(path.read_text(encoding="utf-8") for path in scripts)
         for word in words:
             name = word.removeprefix("--").replace("-", "_")
             assert not word.startswith("--") or re.search(rf'"{word}"|\b{name}=', source), word

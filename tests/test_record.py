@@ -16,7 +16,7 @@ STEP = """
 import json, sys
 from pathlib import Path
 *options, _, path = sys.argv[1:]
-machine = {"cpu": "one", "known to LLVM as": "it", "system": "none"}
+machine = {"cpu": "one", "known to LLVM as": "it"}
 row = {"scene": "pair", "threads": 1, "ms per step": 2.0, "MB per cell": 0.5}
 Path(path).write_text(json.dumps({"machine": machine, "rows": [row], "told": options}))
 """
@@ -161,7 +161,7 @@ def test_wrong_words(tree: Path, words: list[str], expected: str) -> None:
 
 def entry(number: int, benchmark: str, rows: list[dict], **others: Any) -> dict[str, Any]:
     """An entry of the commit of this number, measured as many days later."""
-    machine = {"cpu": "one", "known to LLVM as": "it", "system": "none"}
+    machine = {"cpu": "one", "known to LLVM as": "it"}
     return {
         "benchmark": benchmark, "options": [], "uncommitted": [], "others": 0.0,
         "measured": f"2026-01-{number + 1:02d}T00:00:00Z", **revision(number),
@@ -222,6 +222,17 @@ def test_ratios_of_pairs_are_multiplied_from_commit_to_commit(history: ModuleTyp
     assert (last.low, last.high) == pytest.approx((1.8, 2.2))
 
 
+def test_memory_of_few_cells_is_not_followed(history: ModuleType) -> None:
+    pair = compared(1, 2, 0.5)
+    (row,) = pair["result"]["rows"]
+    sizes = [(8, 9.0), (100, 1.0)]
+    pair["result"]["rows"] = [row | {"cells": n, "after, MB per cell": mb} for n, mb in sizes]
+    found, _ = history.courses([pair])
+    (course,) = (course for course in found if course.what == "memory per cell")
+    assert course.label == "100 cells, band, 1 thread"
+    assert [point.ratio for point in course.points] == [1, 0.5]
+
+
 def test_a_pair_of_unknown_commits_is_told(history: ModuleType) -> None:
     lost = compared(5, 6, 0.5)
     (course,), unknown = history.courses([compared(1, 2, 0.5), lost])
@@ -266,3 +277,13 @@ def test_the_history_can_be_drawn(
     for axes, ratios in zip(figure.axes, ([1, 0.5], [1, 0.5], [1, 1]), strict=True):
         assert axes.get_yscale() == "log"
         assert list(axes.lines[0].get_ydata()) == ratios
+
+
+def test_what_is_in_the_history_has_the_figures_that_are_followed(history: ModuleType) -> None:
+    kept = history.entries(BENCHMARKS / "history")
+    assert {entry["benchmark"] for entry in kept} >= {"compare"}
+    found, unknown = history.courses(kept)
+    assert unknown == []
+    assert any(history.went_on(course) for course in found)
+    for figure in {figure for entry in kept for figure in history.FIGURES[entry["benchmark"]]}:
+        assert any(course.what == figure.what for course in found), figure
