@@ -106,7 +106,10 @@ def append(folder: Path, entry: Entry) -> Path:
     ------
     FileExistsError
         There is one of this second, commit and benchmark; it is left as it is.
+    ValueError
+        It lacks a figure that is followed.
     """
+    list(_rows(entry))
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name(entry)}.json"
     with path.open("x", encoding="utf-8") as file:
@@ -137,6 +140,11 @@ def courses(history: Sequence[Entry]) -> tuple[list[Course], list[str]]:
     A ratio of `compare` holds on any machine: it is multiplied by what its earlier commit has come
     to in entries before. Figures of other benchmarks are divided by the first that has the same
     options and is of the same kind of processor. What is of no commit is left out.
+
+    Raises
+    ------
+    ValueError
+        An entry lacks a figure that is followed; the message names both.
     """
     found: Courses = {}
     unknown = []
@@ -171,6 +179,9 @@ def _rows(entry: Entry) -> Iterator[tuple[Figure, Mapping[str, Any]]]:
     """Figures of an entry, each with the row that has it."""
     for figure in FIGURES[entry["benchmark"]]:
         for row in entry["result"].get(figure.rows, ()):
+            missing = [column for column in (figure.column, *figure.by) if column not in row]
+            if missing:
+                raise ValueError(f"{name(entry)}: a row of {figure.rows} lacks {missing[0]!r}")
             if row[figure.column] is not None and row.get("cells", figure.least) >= figure.least:
                 yield figure, row
 

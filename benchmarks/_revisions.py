@@ -14,9 +14,11 @@ MEASURED = (*PACKAGE, "benchmarks", ":!benchmarks/history")
 def git(*arguments: str, **variables: str) -> str:
     """What git says of this repository."""
     done = subprocess.run(
-        ["git", *arguments], cwd=ROOT, env=os.environ | variables, check=True,
+        ["git", *arguments], cwd=ROOT, env=os.environ | variables, check=False,
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
+    if done.returncode:
+        raise SystemExit(f"git {arguments[0]} has failed in {ROOT}; its error stands above")
     return done.stdout.rstrip("\n")
 
 

@@ -124,11 +124,13 @@ def parsed() -> tuple[argparse.Namespace, list[str]]:
 def main() -> None:
     """Record, draw, or both."""
     known, options = parsed()
-    if known.benchmark:
-        path = record(known.benchmark, options, known.dirty)
-        print(path)
-    if known.draw:
-        draw()
+    try:
+        if known.benchmark:
+            print(record(known.benchmark, options, known.dirty))
+        if known.draw:
+            draw()
+    except (FileExistsError, ValueError) as error:
+        raise SystemExit(str(error)) from error
 
 
 if __name__ == "__main__":

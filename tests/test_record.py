@@ -97,9 +97,10 @@ def test_an_entry_that_is_not_committed_yet_lets_the_next_be_recorded(tree: Path
     assert record(tree, "step", "--cells", "8").returncode == 0
     first = recorded(tree)
     (tree / "README.md").write_text("says something else, and is no faster")
-    (tree / "benchmarks" / "growth.py").write_text(STEP)
+    scaling = STEP.replace('"scene": "pair"', '"cells": 2, "solver": "dct"')
+    (tree / "benchmarks" / "scaling.py").write_text(scaling)
     commit(tree, "second")
-    assert record(tree, "growth").returncode == 0
+    assert record(tree, "scaling").returncode == 0
     assert len(recorded(tree)) == 2
     assert first[0] in recorded(tree)
 
@@ -133,6 +134,24 @@ def test_a_benchmark_that_fails_leaves_no_entry(tree: Path) -> None:
     commit(tree, "a benchmark that fails")
     assert record(tree, "step").returncode == 3
     assert recorded(tree) == []
+
+
+def test_a_benchmark_without_its_figures_leaves_no_entry(tree: Path) -> None:
+    (tree / "benchmarks" / "step.py").write_text(STEP.replace("ms per step", "s per step"))
+    commit(tree, "a column has another name")
+    done = record(tree, "step")
+    assert done.returncode == 1
+    assert done.stderr.endswith("-step: a row of rows lacks 'ms per step'\n")
+    assert done.stderr.count("\n") == 1
+    assert recorded(tree) == []
+
+
+def test_what_is_no_repository_is_told_without_a_trace(tree: Path) -> None:
+    shutil.rmtree(tree / ".git")
+    done = record(tree, "step")
+    assert done.returncode == 1
+    assert "its error stands above" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_a_package_from_elsewhere_is_refused(tree: Path) -> None:
