@@ -87,8 +87,7 @@ class Course:
     ) -> None:
         """A figure at a commit."""
         low, high = quartiles or (ratio, ratio)
-        busy = entry["others"] is None or entry["others"] >= BUSY
-        self.points.append(Point(revision["commit"], ratio, low, high, busy))
+        self.points.append(Point(revision["commit"], ratio, low, high, is_busy(entry)))
 
     def last_of(self, revision: Mapping[str, Any]) -> float | None:
         """The figure at a commit, as measured last; None if it was not."""
@@ -137,9 +136,10 @@ def entries(folder: Path) -> list[Entry]:
 def courses(history: Sequence[Entry]) -> tuple[list[Course], list[str]]:
     """How all figures went on, and the names of entries that lead to no commit that is known.
 
-    A ratio of `compare` holds on any machine: it is multiplied by what its earlier commit has come
-    to in entries before. Figures of other benchmarks are divided by the first that has the same
-    options and is of the same kind of processor. What is of no commit is left out.
+    A ratio of `compare` holds on any machine, a busy one too: it is multiplied by what its earlier
+    commit has come to in entries before. Figures of other benchmarks are divided by the first that
+    has the same options and is of the same kind of processor; those of a busy machine tell of what
+    kept it busy, and are left out. So is what is of no commit.
 
     Raises
     ------
@@ -149,13 +149,19 @@ def courses(history: Sequence[Entry]) -> tuple[list[Course], list[str]]:
     found: Courses = {}
     unknown = []
     for entry in history:
-        if entry["uncommitted"]:
+        paired = entry["benchmark"] == "compare"
+        if entry["uncommitted"] or (is_busy(entry) and not paired):
             continue
-        follow = _follow_pair if entry["benchmark"] == "compare" else _follow
+        follow = _follow_pair if paired else _follow
         followed = [follow(found, entry, *row) for row in _rows(entry)]
         if not all(followed):
             unknown.append(name(entry))
     return list(found.values()), unknown
+
+
+def is_busy(entry: Entry) -> bool:
+    """Whether others used the machine meanwhile, as far as it is known."""
+    return entry["others"] is not None and entry["others"] >= BUSY
 
 
 def went_on(course: Course) -> bool:

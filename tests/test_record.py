@@ -267,9 +267,20 @@ def test_figures_are_compared_on_like_machines_with_like_options(history: Module
         step(5, 1.0, uncommitted=["kernels/step.py"]), step(6, 1.0, others=1.7),
     ]  # fmt: skip
     times = [c for c in history.courses(measured)[0] if c.what == "time of a step"]
-    assert [[p.ratio for p in course.points] for course in times] == [[1, 0.5, 0.25], [1], [1]]
+    assert [[p.ratio for p in course.points] for course in times] == [[1, 0.5], [1], [1]]
     assert [history.went_on(course) for course in times] == [True, False, False]
-    assert [point.busy for point in times[0].points] == [False, False, True]
+
+
+def test_of_a_busy_machine_only_ratios_of_pairs_are_drawn(history: ModuleType) -> None:
+    measured = [
+        step(1, 4.0, others=0.2), step(2, 2.0, others=0.1), step(3, 1.0, others=None),
+        compared(1, 2, 0.5, others=1.9),
+    ]  # fmt: skip
+    single, _, pair = history.courses(measured)[0]
+    assert [(int(p.commit, 16), p.ratio, p.busy) for p in single.points] == [
+        (2, 1, False), (3, 0.5, False)
+    ]  # fmt: skip
+    assert [point.busy for point in pair.points] == [True, True]
 
 
 def test_commits_stand_in_the_order_in_which_they_were_made(history: ModuleType) -> None:
@@ -284,7 +295,7 @@ def test_the_history_can_be_drawn(
 
     figures = []
     monkeypatch.setattr(_pictures.plt, "close", figures.append)
-    measured = [compared(1, 2, 0.5), step(2, 4.0), step(3, 2.0, others=1.0)]
+    measured = [compared(1, 2, 0.5, others=1.0), step(2, 4.0), step(3, 2.0)]
     drawn = [course for course in history.courses(measured)[0] if history.went_on(course)]
     _pictures.history_picture(drawn, history.commits(measured), tmp_path / "history.png")
     assert (tmp_path / "history.png").stat().st_size > 10_000

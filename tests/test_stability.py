@@ -214,6 +214,7 @@ def test_fields_are_not_made_to_see_what_is_no_matter(monkeypatch: pytest.Monkey
     monkeypatch.setattr(stability, "_outside", lambda *_: pytest.fail("a field was made"))
     assert stability.start_rate(given) > 0
     assert stability.start_rate(crowded) > 0
+    stability.check(scene.with_numerics(tolerance=5.0))
     with pytest.raises(pytest.fail.Exception):
         stability.start_rate(scene)
 

@@ -136,16 +136,16 @@ def refuse(scene: Scene, S: float | None = None) -> None:
             "allowed. Take that, or numerics.allow_coarse = true"
         )
         raise ValueError(message)
-    chosen = with_S(scene, S)
-    if is_late(chosen, MOST_MISSED.get(numerics.scheme, 1.0), FAR):
-        raise ValueError(_late(chosen))
+    if may_be_late(scene):
+        chosen = with_S(scene, S)
+        if is_late(chosen, MOST_MISSED.get(numerics.scheme, 1.0), FAR):
+            raise ValueError(_late(chosen))
 
 
 def concerns(scene: Scene, S: float | None = None) -> list[str]:
     """What is likely to go wrong, in words; `S` is what has been chosen, if that is known."""
     found = (
-        _euler_step(scene), _late(with_S(scene, S)), _stabilisation(scene),
-        *_concerns_of_terms(scene),
+        _euler_step(scene), _late(scene, S), _stabilisation(scene), *_concerns_of_terms(scene),
     )  # fmt: skip
     return [text for text in found if text]
 
@@ -160,7 +160,10 @@ def _euler_step(scene: Scene) -> str:
     )
 
 
-def _late(scene: Scene) -> str:
+def _late(scene: Scene, S: float | None = None) -> str:
+    if not may_be_late(scene):
+        return ""
+    scene = with_S(scene, S)
     if not is_late(scene):
         return ""
     what = f"so up to {100 * missed(scene):.0f} % of what changes would be missing at the end"
@@ -438,11 +441,18 @@ def lag(scene: Scene) -> float:
     return inertia * _given(scene) * scene.numerics.dt**2 / _least_tau(scene)
 
 
+def may_be_late(scene: Scene) -> bool:
+    """Whether S can make velocities late: not with a tolerance, nor by "euler", which has none."""
+    return scene.numerics.tolerance is None and scene.numerics.scheme != "euler"
+
+
 def missed(scene: Scene) -> float:
     """Share of what changes in the run, or a stage, that S may make it miss at its end, at most."""
+    if not may_be_late(scene):
+        return 0.0
     scene = with_S(scene)
     numerics, end, S = scene.numerics, _span(scene), _given(scene)
-    if end == 0 or S == 0 or numerics.scheme == "euler" or numerics.tolerance is not None:
+    if end == 0 or S == 0:
         return 0.0
     if numerics.scheme == "imex1":
         return 1 - 1 / (1 + S * numerics.dt / _least_tau(scene))
