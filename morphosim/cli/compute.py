@@ -1,6 +1,7 @@
-"""Commands that compute: `scenes`, `run`, `bench`."""
+"""Commands that compute: `scenes`, `run`, `warm`, `bench`."""
 
 import json
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,6 +29,18 @@ if TYPE_CHECKING:
     from morphosim.scene.scene import Scene
     from morphosim.simulation.progress_bar import ProgressBar
     from morphosim.simulation.simulation import Simulation
+
+
+Preset = Annotated[
+    str | None,
+    typer.Option(
+        help="draft, fast, standard, reference or published; replaces the scene's numerics"
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="a value of the scene, as physics.gamma=0.3; repeatable"),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +93,7 @@ def run(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="directory of the run")
     ] = None,
-    preset: Annotated[
-        str | None,
-        typer.Option(
-            help="draft, fast, standard, reference or published; replaces the scene's numerics"
-        ),
-    ] = None,
+    preset: Preset = None,
     until: Annotated[float | None, typer.Option(help="end, in silico time")] = None,
     dt: Annotated[float | None, typer.Option(help="time step")] = None,
     tolerance: Annotated[
@@ -94,10 +102,7 @@ def run(
     ] = None,
     save_every: Annotated[float | None, typer.Option(help="time between saves")] = None,
     threads: Annotated[int | None, typer.Option(help="number of threads")] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="a value of the scene, as physics.gamma=0.3; repeatable"),
-    ] = None,
+    set_: Settings = None,
     from_: Annotated[
         Path | None, typer.Option("--from", help="start from the fields of this saved run")
     ] = None,
@@ -275,12 +280,12 @@ def _start(
     if output is None or how.dry:
         from morphosim.cli.plan import plan_text
 
-        with compilation_told(remark):
+        with compilation_told(remark, progress):
             say(plan_text(make()))
     elif how.mpi:
         _go_over_ranks(make, output, how, before)
     else:
-        with compilation_told(remark):
+        with compilation_told(remark, progress):
             simulation = make()
             before()
             _go(simulation, output, how)
@@ -293,7 +298,7 @@ def _go_over_ranks(
     from morphosim.mpi.run import go
     from morphosim.simulation.compilation import compilation_told
 
-    with compilation_told(remark if world().rank == 0 else silent):
+    with compilation_told(remark, progress) if world().rank == 0 else compilation_told(silent):
         status = go(
             make, output, note, before=before, summary=_summary, resume=how.resume,
             overwrite=how.overwrite, bar=_bar,
@@ -356,6 +361,26 @@ def _summary(simulation: "Simulation", bar: "ProgressBar", output: Path) -> str:
 
 
 @command()
+def warm(
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SCENE]...", help="built-in scenes or scene files; all built-in"),
+    ] = None,
+    preset: Preset = None,
+    set_: Settings = None,
+) -> None:
+    """Compile the kernels that scenes need, on all processors; later runs find them."""
+    from morphosim.library.built_in import find_scene, scene_names
+    from morphosim.simulation.warming import warm as compile_for
+
+    overrides = _overrides(set_ or []) | ({} if preset is None else {"numerics.preset": preset})
+    chosen = [find_scene(name, overrides) for name in scenes or scene_names()]
+    with progress() as tell:
+        count = compile_for(chosen, tell)
+    note(f"{count} kernels are compiled" if count else "all kernels are compiled already")
+
+
+@command()
 def bench(
     seconds: Annotated[float, typer.Option(help="about how long to time steps")] = 60.0,
     json_file: Annotated[
@@ -367,11 +392,12 @@ def bench(
 ) -> None:
     """Time this machine: steps of 100 cells and of the embryo, the embryo to its end, bandwidth."""
     from morphosim.bench import measure, text
+    from morphosim.simulation.compilation import compilation_told
 
     if json_file is not None:
         check_free(json_file, overwrite)
         json_file.parent.mkdir(parents=True, exist_ok=True)
-    with progress() as tell:
+    with progress() as tell, compilation_told(silent, lambda: nullcontext(tell)):
         result = measure(seconds, threads, tell)
     say(text(result))
     if json_file is not None:

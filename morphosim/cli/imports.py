@@ -1,5 +1,6 @@
 """Commands that make scenes of other files: `import-matlab`, `import-labels`, `import-lineage`."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,7 +89,7 @@ def import_labels(
     labels = read_labels(
         image, axes=axes, spacing=spacing, origin=origin, key=key, time_index=time_index
     )
-    with compilation_told(remark), progress() as tell:
+    with progress() as tell, compilation_told(remark, lambda: nullcontext(tell)):
         scene = read(
             labels, names=table, frozen=_names(frozen), active=_names(active) if active else None,
             confinement="image" if shell else None, physics=Physics(sigma=sigma), volumes=volumes,

@@ -1,19 +1,49 @@
 """Telling that kernels are compiled, for which a process stands still a while."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 
 from numba.core import event
 
 from morphosim import kernels
 from morphosim.kernels._jit import CACHE, NEEDED
+from morphosim.progress import TellWhat, progress_line
+
+Progress = Callable[[], AbstractContextManager[TellWhat]]
+_PROGRESS: ContextVar[Progress] = ContextVar("progress", default=progress_line)
 
 
 @contextmanager
-def compilation_told(tell: Callable[[str], None]) -> Iterator[None]:
-    """Call `tell` with a text, once, when kernels are compiled within that no cache has."""
-    with event.install_listener("numba:compile", _Listener(tell)):
-        yield
+def compilation_told(
+    tell: Callable[[str], None], progress: Progress | None = None
+) -> Iterator[None]:
+    """Tell that kernels are compiled within, which no cache has.
+
+    Parameters
+    ----------
+    tell : callable
+        Called with a text, once, when this process compiles one.
+    progress : function that gives a context of what is told progress, optional
+        For kernels that several processes compile ahead (`warming`). By default `tell` is called
+        with a text after each.
+    """
+    before = _PROGRESS.set(progress or (lambda: _in_texts(tell)))
+    try:
+        with event.install_listener("numba:compile", _Listener(tell)):
+            yield
+    finally:
+        _PROGRESS.reset(before)
+
+
+def progress_of_compilation() -> AbstractContextManager[TellWhat]:
+    """What is told progress here: that of `compilation_told`, else a line on standard error."""
+    return _PROGRESS.get()()
+
+
+@contextmanager
+def _in_texts(tell: Callable[[str], None]) -> Iterator[TellWhat]:
+    yield lambda what, done, of: tell(f"{what}: {done} of {of}")
 
 
 class _Listener(event.Listener):  # type: ignore[misc]

@@ -43,6 +43,7 @@ from morphosim.simulation.stage_runner import StageRunner
 from morphosim.simulation.start import StartFields, cell_columns
 from morphosim.simulation.state import State
 from morphosim.simulation.volumes import VolumeFunctions
+from morphosim.simulation.warming import warm_first
 
 LOOK_AT_TARGETS = 32
 """Steps between two looks at whether target volumes that are functions of time need another S."""
@@ -126,6 +127,7 @@ class Simulation(State):
         self._volumes = VolumeFunctions(
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
         )
+        warm_first(scene)
         self.engine = self._make_engine()
         self.engine.targets = self._set_targets
         if state is None:

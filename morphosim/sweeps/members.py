@@ -20,6 +20,7 @@ from morphosim.scene.file import load_scene
 from morphosim.scene.scene import Scene
 from morphosim.scene.stability import StabilityWarning
 from morphosim.simulation.simulation import Simulation
+from morphosim.simulation.warming import not_ahead
 from morphosim.sweeps.axes import Member, Settings
 from morphosim.sweeps.figures import Figure
 from morphosim.sweeps.store import Store
@@ -70,7 +71,7 @@ class Task:
             return self._stored(member)
 
     def _stored(self, member: Member) -> str:
-        with warnings.catch_warnings(record=True) as caught:
+        with not_ahead(), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StabilityWarning)
             begun = time.perf_counter()
             table, error = self._tried(member)

@@ -2,7 +2,7 @@
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,8 @@ from morphosim.provenance import processor, versions
 from morphosim.scene.file import save_scene
 from morphosim.scene.scene import Scene
 from morphosim.scene.stability import refuse
+from morphosim.simulation.compilation import compilation_told
+from morphosim.simulation.warming import warm_first
 from morphosim.sweeps.axes import SEED, Plan, make_plan
 from morphosim.sweeps.figures import Figure, make_figures
 from morphosim.sweeps.members import Task
@@ -254,6 +256,9 @@ def _run(
     """Run members; why some have no result, by number."""
     lost: dict[int, str] = {}
     total = finished + len(todo)
+    if address is None:
+        with compilation_told(silent, lambda: nullcontext(tell)):
+            warm_first(task.scene_of({}))
     client = local_client(workers) if address is None else cluster_client(address)
     with client as running:
         tell("members", finished, total)

@@ -1,0 +1,198 @@
+"""What is compiled ahead is all that a run calls, and nothing is compiled twice."""
+
+import json
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from morphosim import Cell, Scene, Simulation, Sphere, Term, built_in_scene
+from morphosim.errors import SimulationError
+from morphosim.library.built_in import scene_names
+from morphosim.simulation import warming
+from morphosim.simulation.compilation import compilation_told
+
+FEW = 3
+"""Cells of a built-in scene, and stages, that are looked at."""
+KINDS: list[tuple[str, dict[str, Any]]] = [
+    *((name, {}) for name in scene_names()),
+    *(("celegans-8", {"numerics.preset": preset}) for preset in ("fast", "published")),
+    ("celegans-8", {"numerics.solver": "band"}),
+    ("celegans-8", {"numerics.scheme": "euler", "numerics.dt": 0.05}),
+    ("celegans-8", {"numerics.precision": "double", "physics.kappa": 1.0}),
+]
+
+AS_PYTHON = {"morphosim.kernels.defects.interval(int64,)"}
+"""Called as plain Python; another kernel, where it has just been compiled, has it compiled too."""
+
+
+def small(scene: Scene) -> Scene:
+    """A scene with its first cells and stages only."""
+    if len(scene.cells) <= FEW:
+        return replace(scene, stages=scene.stages[:FEW])
+    cells = scene.cells[:FEW]
+    names, types = [cell.name for cell in cells], {cell.type for cell in cells}
+    return replace(scene, cells=cells, physics=scene.physics.among(names, types), stages=())
+
+
+def run(scene: Scene, folder: Path) -> None:
+    """All that happens in a run, but soon."""
+    from morphosim.runs.writer import RunWriter
+
+    with suppress(SimulationError):
+        simulation = Simulation(scene)
+        writer = RunWriter.of(scene, folder)
+        simulation.run(until=2 * scene.numerics.dt, observers=[writer])
+        for stage in scene.stages:
+            for event in stage.events:
+                event.apply(simulation)
+            if stage.physics:
+                simulation.change_physics(**stage.physics)
+            simulation.step(2)
+            simulation.measured()
+
+
+def foreseen() -> list[str]:
+    """Kernels and types that stand-ins call as plain Python."""
+    from morphosim.scene.stand_in import stand_in
+    from morphosim.simulation.compiler import perform
+    from morphosim.simulation.kernel_calls import recorded
+
+    with recorded() as calls:
+        stand_ins = [stand_in(built_in_scene(name, changes)) for name, changes in KINDS]
+        for one in {one.digest: one for one in stand_ins}.values():
+            perform(one)
+        return [call.key for call in calls()]
+
+
+def called(folder: Path) -> list[str]:
+    """Kernels that Python knows by name, and the types that runs have called them with."""
+    from morphosim.simulation.kernel_calls import entries
+
+    for number, (name, changes) in enumerate(KINDS):
+        run(small(built_in_scene(name, changes)), folder / str(number))
+    return [
+        f"{kernel.py_func.__module__}.{kernel.py_func.__name__}{tuple(types)}"
+        for kernel in entries()
+        for types in kernel.signatures
+    ]
+
+
+def told_by(*arguments: str) -> set[str]:
+    """What a function of this file gives in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, __file__, *arguments], capture_output=True, text=True,
+        cwd=Path(__file__).parent,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout))
+
+
+def test_stand_ins_call_all_kernels_that_runs_of_built_in_scenes_call(tmp_path: Path) -> None:
+    runs = told_by("called", str(tmp_path))
+    assert len(runs) > 30
+    assert runs - AS_PYTHON <= told_by("foreseen")
+
+
+BALL = Scene(cells=[Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=3))])
+
+
+@pytest.fixture
+def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """File that says what has been compiled; there is none yet, and two processors."""
+    place = tmp_path / "compiled"
+    monkeypatch.setattr(warming, "_done_file", lambda: place)
+    monkeypatch.setattr(warming, "available_processors", lambda: 2)
+    return place
+
+
+@pytest.fixture
+def compiled(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many stand-ins are compiled for, each time."""
+    counts: list[int] = []
+
+    def compile_none(stand_ins: Any, tell: Any) -> int:
+        counts.append(len(stand_ins))
+        tell(warming.WHAT, 3, 7)
+        return 7
+
+    monkeypatch.setattr(warming, "_compile", compile_none)
+    return counts
+
+
+def test_the_first_simulation_compiles_ahead_and_says_so(done: Path, compiled: list[int]) -> None:
+    texts: list[str] = []
+    with compilation_told(texts.append):
+        Simulation(BALL)
+        Simulation(BALL)
+    assert compiled == [1]
+    assert done.exists()
+    assert "compiling kernels, once per installation: 3 of 7" in texts
+
+
+def test_one_processor_or_a_process_of_a_scan_compiles_nothing_ahead(
+    done: Path, compiled: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with warming.not_ahead():
+        Simulation(BALL)
+    monkeypatch.setattr(warming, "available_processors", lambda: 1)
+    Simulation(BALL)
+    assert compiled == []
+
+
+def test_warm_compiles_for_each_kind_of_scene_once(done: Path, compiled: list[int]) -> None:
+    again = replace(BALL, name="again", duration=7.0)
+    noisy = BALL.with_physics(kappa=0.1)
+    assert warming.warm([BALL, again, noisy], lambda *told: None) == 7
+    assert warming.warm([again, noisy], lambda *told: None) == 0
+    assert warming.warm([BALL.with_numerics(solver="band")], lambda *told: None) == 7
+    assert compiled == [2, 1]
+
+
+def test_processes_that_start_together_compile_once(tmp_path: Path) -> None:
+    """What the first one is at, the others wait for: one of them runs processes beside it."""
+    order: list[str] = []
+    place = tmp_path / "compiled"
+    with warming._locked(place):
+        waiting = threading.Thread(target=lambda: _wait(place, order))
+        waiting.start()
+        waiting.join(0.2)
+        order.append("compiled")
+    waiting.join()
+    assert order == ["compiled", "found"]
+
+
+def _wait(place: Path, order: list[str]) -> None:
+    with warming._locked(place):
+        order.append("found")
+
+
+def test_what_only_this_process_knows_is_told_by_warm_and_left_to_the_run(done: Path) -> None:
+    class Own(Term):
+        """A force of a script."""
+
+    scene = BALL.with_physics(terms=[Own()])
+    with pytest.raises(ValueError, match="another process does not find what a scene has"):
+        warming.warm([scene], lambda *told: None)
+    Simulation(scene)
+    assert not done.exists()
+
+
+def test_a_process_that_dies_is_told_by_warm_and_left_to_the_run(
+    done: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warming, "SERVE", "import os; os.abort()")
+    with pytest.raises(OSError, match="a process that compiles kernels has died"):
+        warming.warm([BALL], lambda *told: None)
+    Simulation(BALL)
+    assert done.exists()  # so that the next one does not try again
+
+
+if __name__ == "__main__":
+    found = foreseen() if sys.argv[1] == "foreseen" else called(Path(sys.argv[2]))
+    print(json.dumps(found))
