@@ -5,6 +5,7 @@ import os
 import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -147,6 +148,8 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
         raise ValueError(message) from error
 
 
+SYNCED_AT_ONCE = 32
+"""Files that are waited for at once: the system puts what waits on disk together."""
 PARTIAL = ".partial"
 """Ending of a file that is being written."""
 NETCDF = "NetCDF: "
@@ -206,8 +209,8 @@ def filling(directory: Path) -> Iterator[Path]:
             shutil.rmtree(partial, ignore_errors=True)  # of a process that was killed
             partial.mkdir(parents=True)
             yield partial
-            for path in partial.rglob("*"):
-                _sync(path)
+            with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
+                list(pool.map(_sync, partial.rglob("*")))
             _move(partial, directory)
             _sync(directory)
     except BaseException:

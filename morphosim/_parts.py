@@ -26,7 +26,10 @@ class InParts(Protocol):
 
 
 def pieces(values: InParts) -> Iterator[NDArray[Any]]:
-    """All of an array with at least one axis, in order, piece by piece."""
+    """All of an array with at least one axis, in order, piece by piece; parts are not copied."""
+    if isinstance(values, Joined):
+        yield from values.parts
+        return
     row = int(np.prod(values.shape[1:])) * values.dtype.itemsize
     rows = max(PIECE // max(row, 1), 1)
     for start in range(0, values.shape[0], rows):
@@ -43,7 +46,7 @@ class Joined:
     """
 
     def __init__(self, parts: Sequence[NDArray[Any]]) -> None:
-        self._parts = parts
+        self.parts = parts
         self._ends = np.cumsum([len(part) for part in parts])
         self.dtype: np.dtype[Any] = parts[0].dtype
         self.shape: tuple[int, ...] = (int(self._ends[-1]), *parts[0].shape[1:])
@@ -52,15 +55,15 @@ class Joined:
         low, high, _ = part.indices(self.shape[0])
         first = int(np.searchsorted(self._ends, low, side="right"))
         found = [np.zeros((0, *self.shape[1:]), self.dtype)]
-        for k in range(first, len(self._parts)):
-            start = int(self._ends[k]) - len(self._parts[k])
+        for k in range(first, len(self.parts)):
+            start = int(self._ends[k]) - len(self.parts[k])
             if start >= high:
                 break
-            found.append(self._parts[k][max(low - start, 0) : high - start])
+            found.append(self.parts[k][max(low - start, 0) : high - start])
         return np.concatenate(found)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.concatenate(self._parts).astype(dtype or self.dtype, copy=False)
+        return np.concatenate(self.parts).astype(dtype or self.dtype, copy=False)
 
 
 class Stored:

@@ -77,6 +77,18 @@ def test_contacts_as_table_and_as_json(run_directory: Path) -> None:
     assert 1 < pair["area_um2"] < 28
 
 
+def test_contacts_of_a_run_without_fields_are_areas_alone(
+    run_directory: Path, tmp_path: Path
+) -> None:
+    call("run", run_directory / "scene.toml", "-o", tmp_path, "--set", "save_fields=none")
+    known = json.loads(call("contacts", run_directory, "--json"))
+    (pair,) = json.loads(call("contacts", tmp_path, "--json"))["contacts"]
+    assert pair == known["contacts"][0] | {"touching_voxels": None}
+    head, line = call("contacts", tmp_path).splitlines()
+    assert head == "t = 20: 1 pairs have contact area; what touches, saved fields tell"
+    assert line.split()[:3] == ["left", "right", "?"]
+
+
 def test_a_run_repeats_itself(run_directory: Path, tmp_path: Path) -> None:
     call("run", run_directory, "-o", tmp_path / "again")
     with open_run(run_directory) as first, open_run(tmp_path / "again") as second:

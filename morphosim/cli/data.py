@@ -2,13 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from morphosim._files import check_free, write_text
 from morphosim.cli.app import Overwrite, command, note, progress, say
 from morphosim.exports.formats import FORMATS
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 EXPORTS = ", ".join(f"{name}: {form.title}" for name, form in FORMATS.items())
 ONLY_LAST = ", ".join(name for name, form in FORMATS.items() if form.last_only)
@@ -32,29 +35,56 @@ def contacts(
     time: Annotated[float | None, typer.Option(help="nearest save; the last by default")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="machine-readable output")] = False,
 ) -> None:
-    """List which cells touch, and over what area."""
+    """List which cells touch, and over what area; of a run without fields, areas alone."""
     from morphosim.accessor import open_run
-    from morphosim.measure.contacts import contact_areas, touching
-    from morphosim.runs.saved_fields import load_fields, time_index
+    from morphosim.runs.saved_fields import time_index
 
     with open_run(directory) as data:
         index = time_index(data, time)
-        fields = load_fields(data, index)
         at = float(data["time"].values[index])
-        areas = contact_areas(fields, float(data.attrs["spacing_um"]))
-    shared = touching(fields)
-    pairs = sorted(shared.keys() | areas.keys())
+        areas, shared = _contacts(data, index)
+    pairs = sorted({*areas, *(shared or ())})
     if as_json:
         rows = [
-            {"cells": pair, "touching_voxels": shared.get(pair, 0), "area_um2": areas.get(pair, 0)}
+            {
+                "cells": pair, "area_um2": areas.get(pair, 0),
+                "touching_voxels": None if shared is None else shared.get(pair, 0),
+            }
             for pair in pairs
-        ]
+        ]  # fmt: skip
         say(json.dumps({"time": at, "contacts": rows}))
         return
-    say(f"t = {at:g}: {len(shared)} pairs touch")
+    if shared is None:
+        say(f"t = {at:g}: {len(areas)} pairs have contact area; what touches, saved fields tell")
+    else:
+        say(f"t = {at:g}: {len(shared)} pairs touch")
     for a, b in pairs:
-        mark = "touch" if (a, b) in shared else "-"
+        mark = "?" if shared is None else "touch" if (a, b) in shared else "-"
         say(f"{a:10} {b:10} {mark:6} {areas.get((a, b), 0.0):8.1f} um2")
+
+
+Pairs = dict[tuple[str, str], Any]
+
+
+def _contacts(data: "xr.Dataset", index: int) -> tuple[Pairs, Pairs | None]:
+    """Contact areas in µm² of pairs of cells at a save, and lattice points of those that touch.
+
+    The cell that comes first in the run is the first of a pair. None for a run without fields.
+    """
+    from morphosim.measure.contacts import touching
+    from morphosim.runs.saved_fields import each_field
+    from morphosim.runs.views import contact_places
+
+    names = data["cell"].values.astype(str)
+    places, areas = contact_places(data, index)
+    known = dict(zip(map(tuple, names[places].tolist()), areas.tolist(), strict=True))
+    if "phi" not in data:
+        return known, None
+    place = {name: k for k, name in enumerate(names.tolist())}
+    shared = touching(each_field(data, index))
+    return known, {
+        (a, b) if place[a] < place[b] else (b, a): count for (a, b), count in shared.items()
+    }
 
 
 @command()

@@ -195,8 +195,8 @@ class BoxPool:
     def box(self, i: int, pool: Real | None = None) -> Real:
         """Field of cell i as a 3-D view (of `phi`, or of another pool of the same layout)."""
         values = self.phi if pool is None else pool
-        size = int(self.shape[i].prod())
-        return values[self.start[i] : self.start[i] + size].reshape(self.shape[i])
+        start, (nx, ny, nz) = int(self.start[i]), self.shape[i].tolist()
+        return values[start : start + nx * ny * nz].reshape(nx, ny, nz)
 
     def lay(self, rows: Integers, fields: Iterable[tuple[Integers, Real]]) -> None:
         """Lay boxes for new rows of the table, around the band of the fields given.

@@ -6,7 +6,7 @@ step, overlap; the contact area of i with j is that part of the φ_i = 0.34 surf
 tetrahedra, and how much of them is in contact by linear interpolation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ NEIGHBOUR_LEVEL = 0.2
 Integers = NDArray[np.int64]
 
 
-def touching(fields: Sequence[CellField]) -> dict[tuple[str, str], int]:
+def touching(fields: Iterable[CellField]) -> dict[tuple[str, str], int]:
     """Pairs of names that touch, with the number of lattice points that both cells cover."""
     from scipy.ndimage import binary_dilation, generate_binary_structure
 

@@ -1,19 +1,29 @@
 """Variables in netCDF files: how they are stored, and how a file describes them."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim._parts import InParts, pieces
+from morphosim._parts import InParts
 from morphosim.measure.variable import Variable
 from morphosim.runs.schema import PHI_STEP
+
+try:
+    from isal import isal_zlib as zlib
+except ImportError:  # it is not made for every processor
+    import zlib
 
 Values = dict[str, Any]
 CHUNK = 1 << 15
 """Values per chunk of compressed fields."""
+LEVEL = 1
+"""Of compression: the quickest."""
+BATCH = 64
+"""Chunks that are compressed before they are written."""
 ENCODING, SCALE, FILL = "_Encoding", "scale_factor", "_FillValue"
 """Attributes that say how values are stored, and nothing of what they are."""
 PACKED_PHI = {"dtype": "int16", SCALE: np.float32(PHI_STEP), FILL: np.int16(-(1 << 15))}
@@ -21,24 +31,51 @@ PACKED_PHI = {"dtype": "int16", SCALE: np.float32(PHI_STEP), FILL: np.int16(-(1 
 
 
 def write_variables(group: Any, variables: Mapping[str, Variable], values: Values) -> None:
-    """Write those variables of a group that have values, with their dimensions."""
+    """Write those variables of a group that have values, with their dimensions.
+
+    Those that are lazy are only created; `write_lazy` writes them.
+    """
     for name, given in values.items():
         variable = variables[name]
         if variable.kind is str:
             write_texts(group, name, variable, np.asarray(given))
         elif variable.lazy:
-            _write_pieces(create(group, name, variable, given.shape, given.dtype), given)
+            create(group, name, variable, given.shape, given.dtype)
         else:
             value = np.asarray(given)
             create(group, name, variable, value.shape, variable.kind)[:] = value
 
 
-def _write_pieces(created: Any, values: InParts) -> None:
-    """Write values that need not all be held at once."""
-    start = 0
-    for piece in pieces(values):
-        created[start : start + len(piece)] = piece
-        start += len(piece)
+def write_lazy(dataset: Any, values: InParts, threads: int) -> None:
+    """Write values, of which not all need be held at once, to what `create` has made: h5py has it.
+
+    The chunks are compressed here and not by the HDF5 library: into the same format, which any
+    program reads by HDF5's own filters, but on several threads, and where there is ISA-L for the
+    processor in a quarter of the time.
+    """
+    if dataset.chunks is None:
+        dataset[:] = values[:]
+        return
+    (size,) = dataset.chunks
+
+    def compressed(start: int) -> bytes:
+        return deflated(values[start : start + size], size)
+
+    starts = range(0, values.shape[0], size)
+    with ThreadPoolExecutor(threads) as pool:
+        each = pool.map if threads > 1 else map
+        for first in range(0, len(starts), BATCH):
+            batch = starts[first : first + BATCH]
+            for start, chunk in zip(batch, each(compressed, batch), strict=True):
+                dataset.id.write_direct_chunk((start,), chunk)
+
+
+def deflated(chunk: NDArray[Any], size: int) -> bytes:
+    """Chunk of so many values as HDF5's filters "shuffle" and "deflate" make it."""
+    if len(chunk) < size:  # the last one: chunks are whole in a file
+        chunk = np.append(chunk, np.zeros(size - len(chunk), chunk.dtype))
+    bytes_of_a_weight_together = chunk.view(np.uint8).reshape(size, -1).T
+    return bytes(zlib.compress(bytes_of_a_weight_together.tobytes(), LEVEL))
 
 
 def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], kind: Any) -> Any:
@@ -52,7 +89,7 @@ def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], ki
         chunks = [min(n, CHUNK) for n in shape]
         if variable.dims[0] == "time":  # one time is what is read at once
             chunks[0] = max(1, min(chunks[0], CHUNK // int(np.prod(shape[1:]))))
-        options = {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+        options = {"zlib": True, "complevel": LEVEL, "shuffle": True, "chunksizes": chunks}
     attributes = variable.attributes
     if name == "phi" and np.dtype(kind).kind == "i":
         attributes[SCALE], options["fill_value"] = PACKED_PHI[SCALE], PACKED_PHI[FILL]
@@ -98,7 +135,8 @@ class PackedPhi:
 
 def pack_phi(phi: NDArray[np.floating]) -> NDArray[np.int16]:
     """Phase field as whole multiples of `PHI_STEP`."""
-    return np.rint(phi * phi.dtype.type(1 / PHI_STEP)).astype(np.int16)
+    steps = phi * phi.dtype.type(1 / PHI_STEP)
+    return np.rint(steps, out=steps).astype(np.int16)
 
 
 def stored_variables(path: Path) -> dict[str, Variable]:

@@ -5,6 +5,7 @@ import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from morphosim.measure.variable import Variable
 from morphosim.provenance import processor, versions
 from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.merge import MATRIX, Save, shortened
-from morphosim.runs.netcdf_variables import PackedPhi, Values, write_variables
+from morphosim.runs.netcdf_variables import PackedPhi, Values, write_lazy, write_variables
 from morphosim.runs.observed import Observed
 from morphosim.runs.schema import (
     CONTACT_MATRIX,
@@ -28,9 +29,6 @@ from morphosim.runs.schema import (
 )
 from morphosim.scene.arrays import listed
 from morphosim.scene.tables import numerics_table, physics_in_file
-
-MOST_IN_MEMORY = 1 << 26
-"""Bytes of fields whose file is put together in memory first, which is quicker."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +73,14 @@ class Contents:
         for name, values in self.groups.items():
             yield name, GROUPS[name], values
 
+    @property
+    def lazy(self) -> dict[str, Any]:
+        """Values of the lazy variables, by group/name."""
+        return {
+            f"{group}/{name}": values[name] for group, declared, values in self.parts
+            for name in values if declared[name].lazy
+        }  # fmt: skip
+
     def as_read(self, path: Path) -> Save:
         """What reading the file will give; no pass over the fields, nor over the file."""
         tables: dict[str, Any] = {}
@@ -100,7 +106,10 @@ class Contents:
 
 
 def write_save(path: Path, contents: Contents) -> None:
-    """Write the netCDF file of a save; its fields in pieces, so that they are not held twice.
+    """Write the netCDF file of a save.
+
+    It is put together in memory, where HDF5 meets no full disk, which it may not survive; the
+    fields take as much there as in the file, where they are compressed.
 
     Raises
     ------
@@ -109,16 +118,24 @@ def write_save(path: Path, contents: Contents) -> None:
     """
     import netCDF4
 
-    large = (
-        values[name] for _, declared, values in contents.parts
-        for name in values if declared[name].lazy
-    )  # fmt: skip
-    size = sum(int(np.prod(given.shape)) * given.dtype.itemsize for given in large)
-    small = size <= MOST_IN_MEMORY
-    with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=small, persist=small) as file:
+    with netCDF4.Dataset(path, "w", format="NETCDF4", diskless=True, persist=True) as file:
         file.setncatts(contents.attributes)
         for name, declared, values in contents.parts:
             write_variables(file.createGroup(name) if name else file, declared, values)
+    if contents.lazy:
+        _add(path, contents.lazy, contents.attributes["threads"])
+
+
+def _add(path: Path, lazy: Mapping[str, Any], threads: int) -> None:
+    """Write the lazy variables of a file."""
+    import h5py
+
+    image = BytesIO(path.read_bytes())
+    with h5py.File(image, "r+") as file:
+        for name, values in lazy.items():
+            write_lazy(file[name], values, threads)
+    with path.open("wb") as target:
+        target.write(image.getbuffer())
 
 
 def provenance(simulation: Observed) -> dict[str, Any]:

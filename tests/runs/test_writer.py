@@ -1,8 +1,11 @@
 """Runs on disk: what is saved, when, and that plain xarray opens it."""
 
 import json
+import zlib
 from pathlib import Path
+from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -21,6 +24,7 @@ from morphosim import (
     open_run,
 )
 from morphosim.measure.label_image import label_image
+from morphosim.runs import netcdf_variables
 
 
 def scene(**options: object) -> Scene:
@@ -229,3 +233,28 @@ def test_a_cell_that_is_removed_is_missing_from_then_on(tmp_path: Path) -> None:
         assert volume[1, 1] > 0
         assert data["type"].values[1].tolist() == ["", "soft"]
         assert [f.name for f in load_fields(data, 1)] == ["large"]
+
+
+@pytest.mark.parametrize("compressor", [zlib, netcdf_variables.zlib], ids=["zlib", "quickest"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_fields_are_compressed_as_the_hdf5_library_does_it(
+    threads: int, compressor: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(netcdf_variables, "zlib", compressor)
+    cell = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=9))
+    simulation = Simulation(Scene(cells=[cell], numerics=Numerics(threads=threads)))
+    simulation.run(until=0, observers=[RunWriter(tmp_path, 2)])
+    save = tmp_path / "save-000000.nc"
+    size = save.stat().st_size
+    with netCDF4.Dataset(save, "a") as file:
+        phi = file["fields"]["phi"]
+        phi.set_auto_maskandscale(False)
+        wanted = np.rint(simulation.fields[0].phi.ravel() * np.float32(8000))
+        np.testing.assert_array_equal(phi[...], wanted)
+        assert len(wanted) > 2 * netcdf_variables.CHUNK
+        assert len(wanted) % netcdf_variables.CHUNK, "the last chunk is full"
+        assert phi.filters() | {"zlib": True, "shuffle": True, "complevel": 1} == phi.filters()
+        phi[...] = wanted[::-1]  # by the library, into the same chunks
+    with open_run(save) as run:
+        assert load_fields(run, 0)[0].phi[0, 0, 0] == np.float32(wanted[-1]) * np.float32(1 / 8000)
+    assert size == pytest.approx(save.stat().st_size, rel=0.2)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim._extras import need
 from morphosim._files import check_file, guarded, listed
 from morphosim._isolated import isolated
 
@@ -44,7 +43,8 @@ def _read_classic(path: Path, wanted: Iterable[str]) -> tuple[list[str], dict[st
 
 def _read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[list[str], dict[str, Any]]:
     """Names of all variables, and those wanted, of a MAT-file v7.3."""
-    h5py = need("h5py", str(path), "matlab")
+    import h5py
+
     with h5py.File(path, "r") as file:
         names = [name for name in file if not name.startswith("#")]
         return names, {name: _hdf5_value(h5py, file, name) for name in wanted if name in names}
