@@ -214,7 +214,7 @@ def _follow_pair(found: Courses, entry: Entry, figure: Figure, row: Mapping[str,
     if figure.column == RATIO:
         middle, low, high = (row[key] for key in (RATIO, "lower quartile", "upper quartile"))
         course.add(entry, after, base * middle, base * low, base * high)
-    else:
+    elif min(row[AFTER], row[BEFORE]) > 0:  # not where a process has shrunk meanwhile
         course.add(entry, after, base * row[AFTER] / row[BEFORE])
     return True
 
