@@ -1,8 +1,9 @@
 """Crash safety: a run that is killed (SIGKILL) again and again at random times.
 
-A run is killed, opened with plain xarray, and gone on with, until it comes to its end; it is then
-compared, bit for bit, with one that was never interrupted. Saves are so frequent that many kills
-fall into one. Run as `python benchmarks/kill.py [--kills 40] [--scene celegans-8] [--start 1.5]`;
+A run is killed, opened, also by plain xarray, and gone on with, until it comes to its end. It is
+then compared, bit for bit, with one that was never interrupted. Saves are so frequent that many
+kills fall into one. Run as
+`python benchmarks/kill.py [--kills 40] [--scene celegans-8] [--start 1.5]`;
 `--start` is the time, in seconds, in which a process does not write yet.
 """
 
@@ -18,6 +19,7 @@ import numpy as np
 import xarray as xr
 from _common import arguments, report
 
+from morphosim import open_run
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.directory import RunDirectory
 
@@ -33,12 +35,15 @@ def begin(scene: str, folder: Path, until: float, every: float) -> list[str]:
 
 
 def opened(folder: Path, known: int) -> int:
-    """Number of saves, those beyond the known ones opened and read by plain xarray."""
+    """Number of saves, opened as a run; those beyond the known ones read by plain xarray."""
     saves = RunDirectory(folder).saves
     for path in saves[known:]:
         with xr.open_dataset(path) as table, xr.open_dataset(path, group="fields") as fields:
             assert np.isfinite(table["volume"].values).all()
             assert fields["phi"].values.size == int(fields["row_size"].sum())
+    if saves:
+        with open_run(folder) as run:
+            assert run.sizes["time"] == len(saves)
     return len(saves)
 
 

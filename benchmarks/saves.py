@@ -1,11 +1,13 @@
 """What saving costs: time of a save in steps, its share of a run, and the sizes of the files.
 
-Run as `python benchmarks/saves.py`; about two minutes. Steps, all δt long, and saves of a scene
-alternate; the times are medians. The share is that of a run that saves every 100 steps. The last
-columns are the time to open the saves as one Dataset, and to read the fields of one.
+Run as `python benchmarks/saves.py`; about four minutes. Steps, all δt long, and saves of a scene
+alternate; the times are medians, in steps by the clock and by what the processors do for it: on a
+machine that is busy with other work the latter is what can be compared. The share is that of a run
+that saves every 100 steps. The last column is the time to read the fields of one save.
 
-A second table has whole runs of the embryo with presets, whose steps are longer: what of their time
-the saves take that the scene asks for.
+A second table has the time to open a run of many saves of 100 cells, with and without its index.
+A third has whole runs of the embryo with presets, whose steps are longer: what of their time the
+saves take that the scene asks for.
 
 `python benchmarks/saves.py --large 10000` has another table instead: what is around the steps of so
 many packed cells, each in a process of its own, with its processor time and the most memory that
@@ -49,9 +51,14 @@ PERIOD = 100
 
 def seconds(action: Callable[[], Any]) -> float:
     """Wall time of a call."""
-    begin = time.perf_counter()
+    return both_times(action)[0]
+
+
+def both_times(action: Callable[[], Any]) -> tuple[float, float]:
+    """Wall time of a call, and processor time of all threads."""
+    begin, worked = time.perf_counter(), time.process_time()
     action()
-    return time.perf_counter() - begin
+    return time.perf_counter() - begin, time.process_time() - worked
 
 
 def row(name: str, scene: Scene, saves: int) -> dict[str, Any]:
@@ -64,27 +71,42 @@ def row(name: str, scene: Scene, saves: int) -> dict[str, Any]:
         writer.start(simulation)
         steps, writes = [], []
         for _ in range(saves):
-            steps.append(seconds(lambda: simulation.step(STEPS)) / STEPS)
-            writes.append(seconds(lambda: writer.after_step(simulation)))
+            steps.append(both_times(lambda: simulation.step(STEPS)))
+            writes.append(both_times(lambda: writer.after_step(simulation)))
         writer.finish(simulation)
         size = [p.stat().st_size for p in (writer.files.saves[-1], *Path(folder).glob("*.npz"))]
-        opening = seconds(lambda: open_run(folder))
         run = open_run(folder)
         fields = seconds(lambda: load_fields(run, -1))
         assert run.sizes["time"] == saves + 1
-    step, write = np.median(steps), np.median(writes)
+    step, step_work = np.median(steps, axis=0) / STEPS
+    write, work = np.median(writes, axis=0)
     return {
         "scene": name,
         "solver": scene.numerics.solver,
         "ms per step": 1e3 * step,
         "ms per save": 1e3 * write,
         "save, in steps": write / step,
+        "by processor time": work / step_work,
         "share, %": 100 * write / (write + PERIOD * step),
         "save, kB per cell": size[0] / cells / 1e3,
         "state, kB per cell": size[1] / cells / 1e3,
-        "open, ms per save": 1e3 * opening / (saves + 1),
         "fields of a save, ms": 1e3 * fields,
     }
+
+
+def opening_rows(saves: int) -> list[dict[str, Any]]:
+    """What opening a run of so many saves takes."""
+    simulation = Simulation(packed_scene(100, solver="band"))
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        writer = RunWriter(folder, every=simulation.dt, fields="none")
+        simulation.run(simulation.dt * (saves - 1), observers=[writer])
+        open_run(writer.files.saves[0]).close()  # imports what opening needs
+        for name in ("with index", "without"):
+            wall, work = both_times(lambda: open_run(folder))
+            rows.append({f"{saves} saves": name, "open, s": wall, "processor s": work})
+            writer.files.index.unlink(missing_ok=True)
+    return rows
 
 
 class TimedWriter(RunWriter):
@@ -204,7 +226,7 @@ def large_rows(cells: int, run: str) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Measure and report."""
-    options = arguments(__doc__, saves=15, many=1000, large=0, run="")
+    options = arguments(__doc__, saves=15, many=1000, opened=1000, large=0, run="")
     if options.large or options.run:
         report(large_rows(options.large, options.run), options.json)
         return
@@ -216,9 +238,11 @@ def main() -> None:
         for cells in (100, options.many):
             packed = packed_scene(cells, solver=solver)
             rows.append(row(f"{cells} packed cells", packed, options.saves))
-    report(rows, options.json)
-    print()
     path = options.json
+    report(rows, path)
+    print()
+    report(opening_rows(options.opened), path and path.with_stem(f"{path.stem}-opening"))
+    print()
     report([run_row(p) for p in RUN_PRESETS], path and path.with_stem(f"{path.stem}-runs"))
 
 

@@ -4,7 +4,6 @@ import json
 import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -144,7 +143,7 @@ def provenance(simulation: Observed) -> dict[str, Any]:
     return {
         "Conventions": "CF-1.11",
         "title": f"MorphoSim run of {scene.name}",
-        "source": f"morphosim {version('morphosim')} on {platform.platform()}",
+        "source": f"morphosim {versions()['morphosim']} on {platform.platform()}",
         "scene": scene.name,
         "spacing_um": scene.numerics.spacing,
         "dt": scene.numerics.dt,
