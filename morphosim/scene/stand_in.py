@@ -41,11 +41,14 @@ class StandIn:
     daughters : names of two cells into which the first one divides; None if none does
     courses : sequence of Physics
         What holds in turn, after the division.
+    ruled : bool
+        Whether rules act, which may go by chance.
     """
 
     scene: Scene
     daughters: tuple[str, str] | None
     courses: Sequence[Physics]
+    ruled: bool
 
     @property
     def digest(self) -> str:
@@ -53,7 +56,8 @@ class StandIn:
         if any(physics.terms for physics in self.courses):
             return ""
         tables = [physics_table(physics) for physics in self.courses]
-        return sha256(repr((settings(self.scene), self.daughters, tables)).encode()).hexdigest()
+        said = repr((settings(self.scene), self.daughters, tables, self.ruled))
+        return sha256(said.encode()).hexdigest()
 
 
 def stand_in(scene: Scene) -> StandIn:
@@ -71,7 +75,8 @@ def stand_in(scene: Scene) -> StandIn:
     )  # fmt: skip
     alive = [*names[1:], *daughters] if daughters else names
     forms = {_form(physics): physics.among(alive, types) for physics in reversed(courses)}
-    return StandIn(small, daughters, list(forms.values())[::-1])
+    ruled = any(stage.rules for stage in scene.stages)
+    return StandIn(small, daughters, list(forms.values())[::-1], ruled)
 
 
 def _chosen(scene: Scene) -> list[Cell]:

@@ -10,17 +10,12 @@ import signal
 import sys
 import warnings
 from contextlib import suppress
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from morphosim.errors import SimulationError
 from morphosim.scene.stand_in import StandIn
 from morphosim.simulation.kernel_calls import KernelCall, recorded
 from morphosim.simulation.warming import not_ahead
-
-if TYPE_CHECKING:
-    from morphosim.simulation.simulation import Simulation
 
 STEPS = 2
 """Steps in which boxes of cells that grow move, and close ranks."""
@@ -48,7 +43,7 @@ def calls_of(file: BinaryIO) -> list[KernelCall]:
 
 
 def perform(stand_in: StandIn) -> None:
-    """Have cells do all that cells of a scene may: step, move, be saved, divide."""
+    """Have cells do all that cells of a scene may: step, move, be measured, divide."""
     from morphosim.simulation.simulation import Simulation
 
     with not_ahead(), warnings.catch_warnings(), suppress(SimulationError):
@@ -56,19 +51,12 @@ def perform(stand_in: StandIn) -> None:
         simulation = Simulation(stand_in.scene)
         simulation.step(STEPS)
         simulation.step_to(simulation.ticks + 1)  # another length than was planned
-        _save(simulation)
+        simulation.measured()
+        if stand_in.ruled:
+            simulation.chance("rules")
         if stand_in.daughters:
             simulation.divide(simulation.names[0], stand_in.daughters, axis=(1, 0, 0))
         for physics in stand_in.courses:
             if stand_in.daughters or physics != simulation.physics:
                 simulation.engine.set_physics(physics)
                 simulation.step(1)
-                _save(simulation)
-
-
-def _save(simulation: "Simulation") -> None:
-    from morphosim.runs.writer import RunWriter
-
-    with TemporaryDirectory(prefix="morphosim-") as folder:
-        writer = RunWriter.of(simulation.scene, Path(folder, "run"))
-        simulation.run(until=simulation.time, observers=[writer])

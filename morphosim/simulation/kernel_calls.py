@@ -101,16 +101,6 @@ def recorded() -> Iterator[Callable[[], list[KernelCall]]]:
             setattr(module, name, kernel)
 
 
-def entries() -> set[Any]:
-    """Kernels that other modules than those of kernels know by name."""
-    return {
-        value
-        for module in _modules()
-        for value in vars(module).values()
-        if isinstance(value, Dispatcher) and module.__name__.rpartition(".")[0] != kernels.__name__
-    }
-
-
 def _modules() -> list[ModuleType]:
     """Modules of the package that are loaded."""
     package = kernels.__name__.partition(".")[0]
