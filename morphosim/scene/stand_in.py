@@ -5,9 +5,10 @@ own: the terms that act, how steps are solved, what confines cells. Only the cel
 fast, and lattice and steps are such that they take next to nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,9 +56,12 @@ class StandIn:
         """The same for the same kernels; "" where forces of a user's own may be other ones."""
         if any(physics.terms for physics in self.courses):
             return ""
+        said = settings(self.scene)
+        said["cells"] = list(said["cells"].values())
         tables = [physics_table(physics) for physics in self.courses]
-        said = repr((settings(self.scene), self.daughters, tables, self.ruled))
-        return sha256(said.encode()).hexdigest()
+        divides = self.daughters is not None
+        outline = _outline([said, tables, divides, self.ruled])
+        return sha256(repr(outline).encode()).hexdigest()
 
 
 def stand_in(scene: Scene) -> StandIn:
@@ -111,6 +115,15 @@ def _form(physics: Physics) -> tuple[object, ...]:
     sigma = physics.attraction
     terms = [(type(term), term.point is not None) for term in physics.active_terms]
     return (*terms, bool(sigma.pairs), bool(sigma.types), sigma.sisters is not None)
+
+
+def _outline(value: Any) -> Any:
+    """What is said without its numbers, of which only 0 may decide about kernels, and names."""
+    if isinstance(value, Mapping):
+        return {key: _outline(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return list(dict.fromkeys(repr(_outline(item)) for item in value))
+    return value != 0 if isinstance(value, float) else value
 
 
 def _deepest(confinement: Confinement | None) -> NDArray[np.float64]:
