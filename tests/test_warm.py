@@ -15,9 +15,11 @@ from typing import Any
 import pytest
 from numba.core.dispatcher import Dispatcher
 from numba.core.typing.typeof import Purpose, typeof
+from typer.testing import CliRunner
 
 import morphosim
 from morphosim import Cell, Scene, Simulation, Sphere, Term, built_in_scene
+from morphosim.cli import app
 from morphosim.errors import SimulationError
 from morphosim.library.built_in import scene_names
 from morphosim.scene.stand_in import stand_in
@@ -175,6 +177,25 @@ def test_the_first_simulation_compiles_ahead_and_says_so(done: Path, compiled: l
     assert compiled == [1]
     assert done.exists()
     assert "compiling kernels, once per installation: 3 of 7" in texts
+
+
+def test_processes_compile_all_that_a_scene_calls() -> None:
+    told: list[tuple[str, int, int]] = []
+    count = warming._compile([stand_in(BALL)], lambda *what: told.append(what))
+    assert count > 8
+    assert told[-1] == (warming.WHAT, count, count)
+
+
+def test_the_command_says_what_it_has_compiled(done: Path, compiled: list[int]) -> None:
+    def said(*arguments: str) -> str:
+        return CliRunner().invoke(app, ["warm", *arguments], catch_exceptions=False).stdout.strip()
+
+    assert said("celegans-8", "--preset", "fast") == "7 kernels are compiled"
+    assert said("celegans-8-strong", "--preset", "fast") == "all kernels are compiled already"
+    assert said("--quiet", "celegans-8", "--set", "numerics.solver=band") == ""
+    assert compiled == [1, 1]
+    with pytest.raises(ValueError, match="scene = 'embryo' is not known"):
+        said("embryo")
 
 
 def test_one_processor_or_a_process_of_a_scan_compiles_nothing_ahead(
