@@ -48,6 +48,7 @@ INSTEAD = {
     "--set cells.count=60 --set confinement.semi_axes=[24,20,20] --set confinement.core=[14,10,10] "
     "--until 4",
     "morphosim warm": "morphosim warm --help",
+    "morphosim warm SCENE": "morphosim warm SCENE --help",
     "morphosim warm mine.toml --preset fast": "morphosim warm mine.toml --preset fast --help",
     "morphosim run sorting -o runs/sorting": "morphosim run sorting --dry-run "
     "--set cells.counts.A=20 --set cells.counts.B=20",
