@@ -69,7 +69,8 @@ def same_saves(a: Path, b: Path) -> bool:
                     return False
     x, y = (Checkpoint.read(files.restart(files.last)) for files in (first, second))
     return x.steps == y.steps and all(
-        x.arrays[name].tobytes() == y.arrays[name].tobytes() for name in x.arrays
+        np.asarray(x.arrays[name]).tobytes() == np.asarray(y.arrays[name]).tobytes()
+        for name in x.arrays
     )
 
 
