@@ -7,6 +7,10 @@ Numba notices a change of a kernel's own file only, not of the files that it cal
 therefore lie in a folder named after the content of all kernel files: a change of any of them
 starts a new one.
 
+Arrays that a kernel takes do not overlap where it writes (`noalias`): without that promise every
+loop begins by comparing all addresses, and some are not vectorised. A kernel that may be given one
+array twice, and writes to it, is made `overlapping`.
+
 What lies in a cache is executed. So it is a folder of this user's (mode 0700), in which, and above
 which, nobody else can put anything; this is looked at whenever Python starts.
 """
@@ -26,6 +30,7 @@ from typing import Any, NamedTuple
 
 import numba
 from numba.core import types
+from numba.core.compiler import Compiler
 from numba.extending import overload
 
 FAST_MATH = frozenset({"reassoc", "nsz", "arcp", "contract", "afn"})
@@ -129,14 +134,23 @@ def _cached_in(folder: str) -> Iterator[None]:
 CACHE = _find_cache()
 
 
-def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+class _Apart(Compiler):  # type: ignore[misc]  # Numba has no types
+    """Compiler of functions whose arrays do not overlap where they are written."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags.noalias = True
+
+
+def kernel(overlapping: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator that makes a kernel; `options` are further ones of `numba.njit`."""
+    compiler = Compiler if overlapping else _Apart
 
     def decorate(function: Callable[..., Any]) -> Any:
         with _cached_in(CACHE.folder or ""):
             return numba.njit(
                 error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False,
-                cache=CACHE.folder is not None, **options,
+                cache=CACHE.folder is not None, pipeline_class=compiler, **options,
             )(function)  # fmt: skip
 
     return decorate

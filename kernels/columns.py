@@ -20,6 +20,7 @@ from morphosim.kernels.frames import (
     reach,
     strides,
 )
+from morphosim.kernels.sharing import share, turns
 
 SHIFT = 3
 WIDTH = 1 << SHIFT
@@ -117,19 +118,21 @@ def sum_column(
 
 
 @parallel_kernel()
-def accumulate(lists, phi, boxes, interaction, columns):
+def accumulate(shares, lists, phi, boxes, interaction, columns):
     """Sum all cells on the columns: `columns.repulsion` and `columns.potential`.
 
     Parameters
     ----------
+    shares : Shares of the columns
     lists : ColumnLists
     phi : 1-D pool of the cells' fields
     boxes : Boxes
     interaction : Interaction
     columns : Columns
     """
-    for worker in prange(lists.bounds.shape[0] - 1):
-        for a in range(lists.bounds[worker], lists.bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for a in turns(shares):
             sum_column(
                 a, lists, phi, boxes, interaction.types, interaction.pull.shape[0],
                 interaction.g, columns.background, columns.field, columns.repulsion,

@@ -10,6 +10,7 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.sharing import share, turns
 from morphosim.kernels.surfaces import corners, crossings, cubes_of, cut_cube, load_extent
 
 COVERED = 7
@@ -174,12 +175,12 @@ def meet(i, fields, level, neighbour_level, neighbours, values, cubes, pieces, o
 
 
 @parallel_kernel()
-def contacts(bounds, fields, level, neighbour_level, neighbours, work, out, touched):
+def contacts(shares, fields, level, neighbour_level, neighbours, work, out, touched):
     """Area of that part of each cell's surface φ = level on which a neighbour's φ is as large.
 
     Parameters
     ----------
-    bounds : (threads + 1,) ranges of cells, one per thread
+    shares : Shares of the cells
     fields : Fields, with extents below both levels
     level : float, > 0
     neighbour_level : float, > 0; what φ of the neighbour must be at least
@@ -188,8 +189,9 @@ def contacts(bounds, fields, level, neighbour_level, neighbours, work, out, touc
     out : (len(neighbours.cell),) float64, overwritten; in squared lattice steps
     touched : (N,) float64, overwritten with the area on which any neighbour's φ is as large
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for i in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for worker in prange(shares.threads):
+        for i in turns(shares):
             touched[i] = meet(
                 i, fields, level, neighbour_level, neighbours, work.values[worker],
                 work.cubes[worker], work.pieces[worker], out,

@@ -21,6 +21,7 @@ from morphosim.kernels.frames import (
     mirror,
     strides,
 )
+from morphosim.kernels.sharing import share, turns
 from morphosim.kernels.stencils import derivative, weighted_neighbours
 
 PLACE = 9
@@ -86,10 +87,11 @@ def find_place(i, phi, boxes, spacing, out):
 
 
 @parallel_kernel()
-def begin(bounds, order, begins, phi, boxes, spacing, step, time, place, speed, clock):
+def begin(shares, order, begins, phi, boxes, spacing, step, time, place, speed, clock):
     """Begin the history of the cells that `begins` names: they have no velocity yet."""
-    for worker in prange(bounds.shape[0] - 1):
-        for k in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for k in turns(shares):
             i = order[k]
             if begins[i]:
                 find_place(i, phi, boxes, spacing, place[i])
@@ -157,13 +159,13 @@ def interval(age):
 
 @parallel_kernel()
 def look(
-    bounds, order, phi, boxes, spacing, step, time, lags, places, place, speed, errors, clock
+    shares, order, phi, boxes, spacing, step, time, lags, places, place, speed, errors, clock
 ):  # fmt: skip
     """Look at where cells are, and carry on their errors in time.
 
     Parameters
     ----------
-    bounds, order : cells of each thread
+    shares, order : cells, and how threads share them
     phi, boxes : the fields
     spacing : float, µm
     step, time : of the present state
@@ -174,9 +176,10 @@ def look(
     errors : (N, 2, PLACE) errors, by the slow and by the fast of two rates, µm, updated
     clock : (N, N_CLOCK), updated
     """
-    for worker in prange(bounds.shape[0] - 1):
+    share(shares)
+    for worker in prange(shares.threads):
         here = places[worker]
-        for k in range(bounds[worker], bounds[worker + 1]):
+        for k in turns(shares):
             i = order[k]
             gap = time - clock[i, TIME]
             if gap > 0 and step % interval(step - np.int64(clock[i, STEP])) == 0:
@@ -329,7 +332,7 @@ def measure_cell(
 
 @kernel()
 def measure_defects(
-    bounds, order, due, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start,
+    order, due, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start,
     pair_potential, frames, weights, rates, wall_errors, time, sums, defect, drift, clock, use_psi,
     use_walls,
 ):  # fmt: skip
@@ -341,7 +344,7 @@ def measure_defects(
 
     Parameters
     ----------
-    bounds, order : cells of each thread
+    order : cells that are stepped
     due : (N,) bool, cells to look at
     phi, boxes, interaction, columns : see `layout`; columns are None where nothing acts
     gamma, pressure : (N,); push : (N, 3) d of d·∇φ, or None; see `CellTerms`
@@ -357,12 +360,10 @@ def measure_defects(
     clock : (N, N_CLOCK), updated
     use_psi, use_walls : True, or None where there is no such physics
     """
-    for worker in range(bounds.shape[0] - 1):
-        for k in range(bounds[worker], bounds[worker + 1]):
-            i = order[k]
-            if due[i]:
-                measure_cell(
-                    i, phi, boxes, whole, gamma[i], pressure[i], push, interaction, columns,
-                    pairs_start, pair_potential, frames[worker], weights, rates[i], wall_errors[i],
-                    time, sums[worker], defect, drift, clock, use_psi, use_walls,
-                )  # fmt: skip
+    for i in order:
+        if due[i]:
+            measure_cell(
+                i, phi, boxes, whole, gamma[i], pressure[i], push, interaction, columns,
+                pairs_start, pair_potential, frames[0], weights, rates[i], wall_errors[i], time,
+                sums[0], defect, drift, clock, use_psi, use_walls,
+            )  # fmt: skip

@@ -24,6 +24,16 @@ class Boxes(NamedTuple):
     """(planes, 2) int32, the band's rows [y0, y1) of each plane x; y0 >= y1 where it is empty."""
 
 
+class Shares(NamedTuple):
+    """How threads share a list of work; see `sharing`."""
+
+    threads: int
+    bounds: np.ndarray
+    """(pieces + 1,) int64, ranges of the list."""
+    taken: np.ndarray
+    """(1,) int64, number of pieces that have been taken."""
+
+
 class Columns(NamedTuple):
     """Sums on the accumulation columns that exist: W × W rows along z, as long as cells overlap."""
 
@@ -45,10 +55,8 @@ class Columns(NamedTuple):
 
 
 class ColumnLists(NamedTuple):
-    """Which cells lie over which column, and how threads share the columns."""
+    """Which cells lie over which column."""
 
-    bounds: np.ndarray
-    """(threads + 1,) int64, ranges of columns."""
     start: np.ndarray
     """(A,) int64, first index of each column in the pools."""
     length: np.ndarray

@@ -33,6 +33,7 @@ from morphosim.kernels.frames import (
     run,
     strides,
 )
+from morphosim.kernels.sharing import share, turns
 from morphosim.kernels.stencils import weighted_neighbours
 
 PHI, PSI, RHS, LAST, U, DAMPING = 0, 1, 2, 3, 4, 5
@@ -190,7 +191,7 @@ def keep(i, frame, boxes, limits, found, new, rows, survey_of):
             copy_row(frame, np.uint64(frame_index(x, y, 0, sx, sy)), new, goal, nz)
 
 
-@kernel()
+@kernel(overlapping=True)
 def try_step(
     i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential, frames, sums,
     stencil, inner, linear, half, changes, use_repulsion, use_psi,
@@ -223,9 +224,9 @@ def try_step(
     return result
 
 
-@parallel_kernel()
+@parallel_kernel(overlapping=True)
 def try_steps(
-    bounds, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    shares, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
     work, found, measured, stencil, inner, linear, limits, new, rows, surveys, changes,
     use_repulsion, use_psi,
 ):  # fmt: skip
@@ -241,9 +242,10 @@ def try_steps(
     surveys : (N, N_SURVEYED), overwritten
     changes : (N, N_CHANGES) float64, overwritten
     """
-    for worker in prange(bounds.shape[0] - 1):
+    share(shares)
+    for worker in prange(shares.threads):
         frames = work[worker]
-        for k in range(bounds[worker], bounds[worker + 1]):
+        for k in turns(shares):
             i = order[k]
             result = try_step(
                 i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
@@ -253,7 +255,7 @@ def try_steps(
             keep(i, frames[result], boxes, limits, found[worker], new, rows, surveys[i])
 
 
-@inline_kernel()
+@inline_kernel(overlapping=True)
 def advance_row(new, phi, ahead, first, count, growth):
     """φⁿ⁺¹ into `phi`, and its extrapolation into `ahead`, along one row; return its sum."""
     total = 0.0
@@ -266,7 +268,7 @@ def advance_row(new, phi, ahead, first, count, growth):
     return total
 
 
-@kernel()
+@kernel(overlapping=True)
 def take_step(i, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals):
     """Take the step that was tried for cell i."""
     if found[BAD] > 0:
@@ -292,9 +294,9 @@ def take_step(i, new, phi, ahead, growth, boxes, rows, found, surveys, lost, tot
     totals[i] = total
 
 
-@parallel_kernel()
+@parallel_kernel(overlapping=True)
 def take_steps(
-    bounds, order, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals
+    shares, order, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals
 ):  # fmt: skip
     """Take the steps that were tried, and extrapolate to the next.
 
@@ -303,27 +305,29 @@ def take_steps(
 
     Parameters
     ----------
-    bounds, order, boxes : as for `try_steps`
+    shares, order, boxes : as for `try_steps`
     new, rows, found : what that has written: fields, bands and surveys
     phi, ahead : 1-D pools of φⁿ and φ*, updated
     growth : r of the next step
     surveys, lost : (N, N_SURVEYED) and (N,) float64, updated
     totals : (N,) float64, overwritten with Σ φ*
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for k in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for k in turns(shares):
             i = order[k]
             take_step(i, new, phi, ahead, growth, boxes, rows, found[i], surveys, lost, totals)
 
 
 @parallel_kernel()
-def stretch(bounds, order, phi, ahead, share, boxes, totals):
+def stretch(shares, order, phi, ahead, share, boxes, totals):
     """Lay φ* to φⁿ + share (φ* - φⁿ), for a step of another length.
 
     Parameters as for `take_steps`; `share` is the new δt in those of the old.
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for k in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for k in turns(shares):
             i = order[k]
             ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
             total = 0.0

@@ -7,6 +7,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.boxes import include, row_peak, row_span
+from morphosim.kernels.sharing import share, turns
 
 N_MOMENTS = 14
 """Of positions in a box: Σ φ, Σ φ (x, y, z); and of the inside, whose weight w goes from 0 to 1 as
@@ -71,17 +72,18 @@ def box_moments(i, fields, out):
 
 
 @parallel_kernel()
-def moments(bounds, fields, out):
+def moments(shares, fields, out):
     """Moments of all cells, in lattice steps from the first point of each box.
 
     Parameters
     ----------
-    bounds : (threads + 1,) ranges of cells, one per thread
+    shares : Shares of the cells
     fields : Fields
     out : (N, N_MOMENTS) float64, overwritten
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for i in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for i in turns(shares):
             box_moments(i, fields, out[i])
 
 
@@ -103,17 +105,18 @@ def find_extent(i, fields, level):
 
 
 @parallel_kernel()
-def find_extents(bounds, fields, level):
+def find_extents(shares, fields, level):
     """Fill `fields.extent` with the bounding box of |φ| > level of each cell.
 
     Parameters
     ----------
-    bounds : (threads + 1,) ranges of cells, one per thread
+    shares : Shares of the cells
     fields : Fields
     level : float
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for i in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for i in turns(shares):
             find_extent(i, fields, level)
 
 

@@ -5,6 +5,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import HALO, band_rows, frame_index, frame_size, strides
+from morphosim.kernels.sharing import share, turns
 
 
 @inline_kernel()
@@ -34,20 +35,21 @@ def add_overlap(i, j, weight, phi, boxes, target, first):
 
 
 @parallel_kernel()
-def accumulate_pairs(bounds, order, pairs, phi, boxes, target):
+def accumulate_pairs(shares, order, pairs, phi, boxes, target):
     """target_i = Σ_j weight_ij φ_j over the listed pairs, for every pulled cell of `order`.
 
     Parameters
     ----------
-    bounds : (threads + 1,) ranges of `order`, one per thread
-    order : cells, grouped by thread
+    shares : Shares of `order`
+    order : cells that are stepped
     pairs : Pairs
     phi : 1-D pool
     boxes : Boxes
     target : 1-D pool of the frames of pulled cells, overwritten
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for k in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for _ in prange(shares.threads):
+        for k in turns(shares):
             i = order[k]
             first = pairs.frame_start[i]
             if first >= 0:

@@ -1,7 +1,7 @@
 """One time step of all cells: gather, force, implicit solve, survey.
 
-Work is shared out as lists of cells, one list per thread. What a cell does depends on its own box
-and on the column sums of the last state only, so the result is the same for any number of threads.
+Threads take the cells piece by piece (`sharing`). What a cell does depends on its own box and on
+the column sums of the last state only, so the result is the same for any number of threads.
 A thread works in padded work arrays (`frames`), which stay in its cache.
 
 A cell whose new field is not finite, or runs away, keeps its old field; its survey tells.
@@ -27,6 +27,7 @@ from morphosim.kernels.frames import (
     unload,
 )
 from morphosim.kernels.helmholtz import helmholtz_solve
+from morphosim.kernels.sharing import share, turns
 
 PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 6
 """A thread's frames; each holds that of the largest box."""
@@ -130,15 +131,15 @@ def accept_band(i, phi, history, frame, memory, boxes, limits, found, out, surve
 
 @parallel_kernel()
 def step_transform(
-    bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    shares, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
     work, found, measured, stencil, scheme, first, cosines, limits, surveys, use_repulsion, use_psi,
 ):  # fmt: skip
     """Advance every cell of `order` by Eq. 6, 8 or 9, solved in each box by cosine transforms.
 
     Parameters
     ----------
-    bounds : (threads + 1,) ranges of `order`, one per thread
-    order : cells, grouped by thread
+    shares : Shares of `order`
+    order : cells that are stepped
     phi, history : 1-D pools, updated; history is None for a scheme without memory
     boxes, terms, interaction, columns, stencil, cosines, limits : see `layout`
     scheme, first : Scheme, of cells with history and of those without
@@ -148,9 +149,10 @@ def step_transform(
     surveys : (N, N_SURVEYED) float64, updated; see `survey`
     use_repulsion, use_psi : True, or None where the scene has no such physics
     """
-    for worker in prange(bounds.shape[0] - 1):
+    share(shares)
+    for worker in prange(shares.threads):
         frames = work[worker]
-        for k in range(bounds[worker], bounds[worker + 1]):
+        for k in turns(shares):
             i = order[k]
             own = first if terms.fresh[i] else scheme
             prepare(
@@ -179,17 +181,18 @@ def keep_history(i, history, boxes, frame):
 
 @parallel_kernel()
 def step_band(
-    bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    shares, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
     work, found, measured, stencil, scheme, first, limits, surveys, lost, use_repulsion, use_psi,
 ):  # fmt: skip
     """Advance every cell of `order` by Chebyshev iterations on the band, or by explicit Euler.
 
     Parameters as for `step_transform`; `lost` (N,) float64 counts Σ φ of rows that leave the band.
     """
-    for worker in prange(bounds.shape[0] - 1):
+    share(shares)
+    for worker in prange(shares.threads):
         frames = work[worker]
         one = limits.half + limits.half
-        for k in range(bounds[worker], bounds[worker + 1]):
+        for k in turns(shares):
             i = order[k]
             own = first if terms.fresh[i] else scheme
             prepare(
@@ -211,13 +214,14 @@ def step_band(
 
 @parallel_kernel()
 def prepare_all(
-    bounds, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
+    shares, order, phi, history, boxes, terms, interaction, columns, pairs_start, pair_potential,
     work, stencil, scheme, first, half, rhs, use_repulsion, use_psi,
 ):  # fmt: skip
     """Right-hand sides of all cells into the pool `rhs`, for a transform outside of Numba."""
-    for worker in prange(bounds.shape[0] - 1):
+    share(shares)
+    for worker in prange(shares.threads):
         frames = work[worker]
-        for k in range(bounds[worker], bounds[worker + 1]):
+        for k in turns(shares):
             i = order[k]
             own = first if terms.fresh[i] else scheme
             prepare(
@@ -229,10 +233,11 @@ def prepare_all(
 
 
 @parallel_kernel()
-def accept_all(bounds, order, phi, values, boxes, limits, found, measured, surveys):
+def accept_all(shares, order, phi, values, boxes, limits, found, measured, surveys):
     """Survey and store the new fields of all cells, given in the pool `values`."""
-    for worker in prange(bounds.shape[0] - 1):
-        for k in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for worker in prange(shares.threads):
+        for k in turns(shares):
             i = order[k]
             accept_box(
                 i, phi, values[boxes.start[i] :], boxes, limits, found[worker], measured[worker],

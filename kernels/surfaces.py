@@ -13,6 +13,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import clear_row, copy_row
+from morphosim.kernels.sharing import share, turns
 
 
 class Work(NamedTuple):
@@ -205,17 +206,18 @@ def enclose(i, fields, level, values, cubes, out):
 
 
 @parallel_kernel()
-def surfaces(bounds, fields, level, work, out):
+def surfaces(shares, fields, level, work, out):
     """Area of the surface φ = level of each cell, and the volume that it encloses.
 
     Parameters
     ----------
-    bounds : (threads + 1,) ranges of cells, one per thread
+    shares : Shares of the cells
     fields : Fields, with extents at this level or a lower one
     level : float, > 0
     work : Work
     out : (N, 2) float64, overwritten; in squared and cubed lattice steps
     """
-    for worker in prange(bounds.shape[0] - 1):
-        for i in range(bounds[worker], bounds[worker + 1]):
+    share(shares)
+    for worker in prange(shares.threads):
+        for i in turns(shares):
             enclose(i, fields, level, work.values[worker], work.cubes[worker], out[i])

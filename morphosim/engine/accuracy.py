@@ -226,7 +226,7 @@ class Accuracy:
     ) -> None:
         """Begin with cells that have no history, and note when cells have begun."""
         begin(
-            schedule.bounds, schedule.order, cells["fresh"], pool.phi, pool.boxes,
+            schedule.shares, schedule.order, cells["fresh"], pool.phi, pool.boxes,
             self._numerics.spacing, step, time, cells["error_place"], cells["error_speed"],
             cells["error_clock"],
         )  # fmt: skip
@@ -266,7 +266,7 @@ class Accuracy:
         if self._strength:
             self._wall_errors[:] = OUT / self._strength * np.abs(terms.pressure - self._matched)
         measure_defects(
-            state.schedule.bounds, state.schedule.order, self._due, state.pool.acting,
+            state.schedule.order, self._due, state.pool.acting,
             state.pool.boxes, not state.pool.band_only, terms.gamma, terms.pressure, terms.drift,
             coupling.interaction, coupling.columns, *coupling.pairs, state.workspace.frames,
             self._weights, self._rates, self._wall_errors, time, self._sums,
@@ -291,7 +291,7 @@ class Accuracy:
         else:
             self._find_lags(dt)
         look(
-            schedule.bounds, schedule.order, pool.phi, pool.boxes, self._numerics.spacing, step,
+            schedule.shares, schedule.order, pool.phi, pool.boxes, self._numerics.spacing, step,
             time, self._lags, self._places, cells["error_place"], cells["error_speed"],
             cells["error_time"], cells["error_clock"],
         )  # fmt: skip

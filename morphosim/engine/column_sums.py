@@ -7,7 +7,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from morphosim.kernels.columns import ROWS, SHIFT, WIDTH, lay_tiles
 from morphosim.kernels.frames import HALO, frame_shapes
-from morphosim.kernels.layout import ColumnLists, Columns
+from morphosim.kernels.layout import ColumnLists, Columns, Shares
+from morphosim.kernels.sharing import equal_shares
 from morphosim.physics.term import SpaceTerm
 
 SHIFTS = np.array([SHIFT, SHIFT, 5])
@@ -138,12 +139,15 @@ class ColumnCover:
     ----------
     columns : Columns
     lists : ColumnLists
+    shares : Shares
+        Of the columns.
     wall : float
         Largest R of walls: by what they say, else on the columns.
     """
 
     columns: Columns
     lists: ColumnLists
+    shares: Shares
     wall: float
 
     def __init__(self, dtype: DTypeLike, threads: int) -> None:
@@ -213,6 +217,8 @@ class ColumnCover:
         self.lists = self._make_lists(
             start[needed], length[needed], corner[needed], rank[group], owner
         )
+        load = self.lists.length * np.diff(self.lists.cell_start)
+        self.shares = equal_shares(load, self._threads)
         self.columns = Columns(
             cover_start=cover_start,
             cover=cover,
@@ -266,7 +272,7 @@ class ColumnCover:
     def _make_lists(
         self, start: Integers, length: Integers, corner: Integers, column: Integers, owner: Integers
     ) -> ColumnLists:
-        """Cells over each column, in the order of their numbers, and each thread's share.
+        """Cells over each column, in the order of their numbers.
 
         `column` (K,) tells the column of each entry of the cover, -1 for none, and `owner` (K,)
         its cell.
@@ -276,10 +282,7 @@ class ColumnCover:
         cell_start = np.concatenate(
             [[0], np.cumsum(np.bincount(column[over], minlength=len(start)))]
         )
-        load = np.concatenate([[0], np.cumsum(length * np.diff(cell_start))])
-        share = np.linspace(0, load[-1], self._threads + 1)
         return ColumnLists(
-            bounds=np.searchsorted(load, share).astype(np.int64),
             start=start,
             length=length,
             corner=corner,

@@ -80,10 +80,13 @@ class Coupling:
         """Sum over the cells of the present state."""
         if not self.acts:
             return
-        accumulate(self.lists, pool.acting, pool.boxes, self.interaction, self._cover.columns)
+        cover = self._cover
+        accumulate(
+            cover.shares, cover.lists, pool.acting, pool.boxes, self.interaction, cover.columns
+        )
         if self._interactions.pairs is not None:
             accumulate_pairs(
-                schedule.bounds, schedule.order, self._interactions.pairs, pool.acting, pool.boxes,
+                schedule.shares, schedule.order, self._interactions.pairs, pool.acting, pool.boxes,
                 self._pair_potential,
             )  # fmt: skip
 

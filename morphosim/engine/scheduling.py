@@ -1,36 +1,38 @@
-"""Which thread steps which cells."""
+"""How threads share the cells: in pieces, which each takes as it comes free."""
 
-import heapq
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.engine.box_pool import morton_order
+from morphosim.kernels.layout import Shares
+from morphosim.kernels.sharing import equal_shares, shares_of
 
 Integers = NDArray[np.int64]
 MANY = 32
-"""From so many cells per thread on, each thread takes a region of space: what neighbours share
-stays in its cache. With fewer, balance counts more."""
+"""From so many cells per thread on, a piece is a region of space: what neighbours share stays in
+the cache. With fewer, balance counts more, and a piece is a cell."""
 
 
 class Schedule(NamedTuple):
-    """The cells that are stepped, one list per thread."""
+    """The cells that are stepped, and how threads share them."""
 
-    bounds: Integers
-    """(threads + 1,) ranges of `order`."""
+    shares: Shares
     order: Integers
-    """Cells, grouped by thread."""
+    """Cells, piece after piece."""
 
     def lists(self) -> list[Integers]:
-        """Cells of each thread."""
-        return [self.order[a:b] for a, b in zip(self.bounds, self.bounds[1:], strict=False)]
+        """Cells for each thread, where they are not taken in turn."""
+        pieces = np.split(self.order, self.shares.bounds[1:-1])
+        threads = self.shares.threads
+        return [np.concatenate([self.order[:0], *pieces[k::threads]]) for k in range(threads)]
 
 
 def share_out(
     cells: Integers, cost: NDArray[np.float64], origin: Integers, threads: int
 ) -> Schedule:
-    """Give each thread a list of cells of about the same work.
+    """Cut the work into pieces: cells, of which the largest come first, or regions of equal work.
 
     Parameters
     ----------
@@ -40,22 +42,8 @@ def share_out(
     threads : int
     """
     if len(cells) < MANY * threads:
-        lists = _largest_first(cost, threads)
-    else:
-        along = morton_order(origin)
-        load = np.cumsum(cost[along])
-        ends = np.searchsorted(load, load[-1] * np.arange(1, threads) / threads)
-        lists = np.split(along, ends)
-    bounds = np.cumsum([0] + [len(part) for part in lists]).astype(np.int64)
-    return Schedule(bounds, cells[np.concatenate(lists)])
-
-
-def _largest_first(cost: NDArray[np.float64], threads: int) -> list[Integers]:
-    """Items shared out, the largest first, each to whom has least."""
-    lists: list[list[int]] = [[] for _ in range(threads)]
-    loads = [(0.0, w) for w in range(threads)]
-    for i in np.argsort(-cost, kind="stable").tolist():
-        load, worker = heapq.heappop(loads)
-        lists[worker].append(i)
-        heapq.heappush(loads, (load + cost[i], worker))
-    return [np.array(items, np.int64) for items in lists]
+        largest_first = np.argsort(-cost, kind="stable")
+        each = np.arange(len(cells) + 1)
+        return Schedule(shares_of(each, threads), cells[largest_first])
+    along = morton_order(origin)
+    return Schedule(equal_shares(cost[along], threads), cells[along])

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim.cell_field import CellField
 from morphosim.kernels.contacts import Neighbours, contacts
+from morphosim.kernels.layout import Shares
 from morphosim.kernels.moments import Fields, find_extents, overlapping_pairs
+from morphosim.kernels.sharing import equal_shares
 from morphosim.kernels.surfaces import Work
 
 TOUCH_LEVEL = 0.44
@@ -64,7 +66,7 @@ def contact_areas(fields: Sequence[CellField], spacing: float) -> dict[tuple[str
 class Prepared(NamedTuple):
     """What the kernels that measure all cells need."""
 
-    bounds: Integers
+    shares: Shares
     fields: Fields
     work: Work
 
@@ -82,28 +84,27 @@ def pack(
     return pool, origin, shape, np.asarray(ends - shape.prod(axis=1))
 
 
-def shared_out(shape: Integers) -> Integers:
-    """Ranges of cells of about as many points, one per thread: (threads + 1,)."""
-    load, threads = np.cumsum([0, *shape.prod(axis=1)]), get_num_threads()
-    ends = np.searchsorted(load, load[-1] * np.arange(threads + 1) / threads)
-    return np.asarray(ends, np.int64)
+def shared_out(shape: Integers) -> Shares:
+    """How threads share cells with boxes of these shapes (N, 3)."""
+    shares: Shares = equal_shares(shape.prod(axis=1), get_num_threads())
+    return shares
 
 
 def prepare(
     phi: NDArray[np.floating], origin: Integers, shape: Integers, start: Integers
 ) -> Prepared:
     """Share the cells out between threads, and find what part of its box each fills."""
-    threads, bounds = get_num_threads(), shared_out(shape)
+    shares = shared_out(shape)
     fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
-    find_extents(bounds, fields, NEIGHBOUR_LEVEL)  # the lowest level of all
+    find_extents(shares, fields, NEIGHBOUR_LEVEL)  # the lowest level of all
     points = np.maximum(fields.extent[:, :, 1] - fields.extent[:, :, 0] + 2, 1)
     most, longest = points.prod(axis=1).max(initial=1), points[:, 2].max(initial=1)
     work = Work(
-        values=np.empty((threads, most), phi.dtype),
-        cubes=np.empty((threads, longest), np.int64),
-        pieces=np.empty((threads, longest, 8)),
+        values=np.empty((shares.threads, most), phi.dtype),
+        cubes=np.empty((shares.threads, longest), np.int64),
+        pieces=np.empty((shares.threads, longest, 8)),
     )
-    return Prepared(bounds, fields, work)
+    return Prepared(shares, fields, work)
 
 
 def pair_areas(
@@ -129,7 +130,7 @@ def pair_areas(
     )
     found, touched = np.zeros(len(order)), np.zeros(len(fields.start))
     contacts(
-        prepared.bounds, fields, SURFACE_LEVEL, NEIGHBOUR_LEVEL, neighbours, prepared.work, found,
+        prepared.shares, fields, SURFACE_LEVEL, NEIGHBOUR_LEVEL, neighbours, prepared.work, found,
         touched,
     )  # fmt: skip
     sides = np.zeros(len(order))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.cell_field import CellField
+from morphosim.kernels.layout import Shares
 from morphosim.kernels.moments import N_MOMENTS, Fields, moments
 from morphosim.kernels.surfaces import surfaces
 from morphosim.measure.contacts import (
@@ -169,7 +170,7 @@ def measure(
     return Measurement(
         spacing=spacing,
         origin=np.array(origin),  # the pool's own changes with the next step
-        moments=_moments(prepared.bounds, prepared.fields),
+        moments=_moments(prepared.shares, prepared.fields),
         surfaces=_surfaces(prepared, SURFACE, spacing),
         contact_surface=_surfaces(prepared, SURFACE_LEVEL, spacing)[0],
         touched=touched,
@@ -206,13 +207,13 @@ def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
 def _surfaces(prepared: Prepared, level: float, spacing: float) -> Real:
     """(2, N) areas of the surfaces φ = `level` in µm², and volumes inside them in µm³."""
     found = np.zeros((len(prepared.fields.start), 2))
-    surfaces(prepared.bounds, prepared.fields, level, prepared.work, found)
+    surfaces(prepared.shares, prepared.fields, level, prepared.work, found)
     return np.stack([found[:, 0] * spacing**2, found[:, 1] * spacing**3])
 
 
-def _moments(bounds: NDArray[np.int64], fields: Fields) -> Real:
+def _moments(shares: Shares, fields: Fields) -> Real:
     found = np.zeros((len(fields.start), N_MOMENTS))
-    moments(bounds, fields, found)
+    moments(shares, fields, found)
     return found
 
 

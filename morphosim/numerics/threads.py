@@ -6,6 +6,9 @@ from pathlib import Path
 
 GROUPS = Path("/sys/fs/cgroup")
 """Where Linux says what share of the processors a container may use."""
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+"""Threads of OpenMP sleep where they wait for each other: spinning, they take the processor from
+the one that is late. OpenMP reads this when Numba starts its threads."""
 
 
 def available_processors() -> int:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from morphosim.kernels.columns import ROWS, WIDTH
 from morphosim.kernels.frames import HALO, strides
-from morphosim.kernels.layout import Boxes, ColumnLists, Columns, Interaction
+from morphosim.kernels.layout import Boxes, ColumnLists, Columns, Interaction, Shares
+from morphosim.kernels.sharing import shares_of
 
 from .example_boxes import GAP, seen_from
 
@@ -78,13 +79,17 @@ class Cover:
             self.start.append(self.size if exists else -1)
             self.size += (ROWS * (z1 - z0) + GAP) if exists else 0
 
-    def lists(self, threads: int = 2) -> ColumnLists:
+    def shares(self, threads: int = 2) -> Shares:
+        """Shares of the columns that exist."""
+        present = sum(first >= 0 for first in self.start)
+        return shares_of(np.linspace(0, present, threads + 1), threads)
+
+    def lists(self) -> ColumnLists:
         """Cells over each column that exists."""
         present = [a for a, first in enumerate(self.start) if first >= 0]
         over = [[i for i, found in enumerate(self.under) if a in found] for a in present]
         sizes = [len(cells) for cells in over]
         return ColumnLists(
-            bounds=np.linspace(0, len(present), threads + 1).astype(np.int64),
             start=np.array([self.start[a] for a in present], np.int64),
             length=np.array([self.extents[a][2] - self.extents[a][1] for a in present], np.int64),
             corner=np.array(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.kernels.moments import Fields, find_extents
+from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.surfaces import Work
 
 from .example_boxes import box, lay_out
@@ -39,7 +40,7 @@ def random_fields(seed: int, dtype: type = np.float64) -> Fields:
 
 def with_extents(fields: Fields, level: float = LOW_LEVEL) -> Fields:
     """The same fields, their extents found."""
-    find_extents(np.array([0, len(fields.start)]), fields, level)
+    find_extents(shares_of([0, len(fields.start)], threads=1), fields, level)
     return fields
 
 

@@ -72,7 +72,7 @@ def test_cells_feel_the_others_and_space(
     cover = Cover(boxes)
     columns = cover.columns(background, 3 + field if attracts else 0, field)
     pairs_start, pool = make_pair_potential(boxes) if pairs else (None, None)
-    taken(accumulate, way)(cover.lists(), phi, boxes, interaction(field), columns)
+    taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(field), columns)
     assert np.isnan(columns.repulsion[cover.between()]).all()
     for i in CELLS:
         repulsion = empty_frame(boxes, i)
@@ -113,7 +113,7 @@ def test_a_cell_does_not_feel_itself(whole: bool, way: str) -> None:
     box(phi, boxes, 2)[:] = np.random.default_rng(15).random(boxes.shape[2])
     cover = Cover(boxes, absent=0)
     columns = cover.columns(background=False, n_types=3)
-    taken(accumulate, way)(cover.lists(), phi, boxes, interaction(), columns)
+    taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(), columns)
     assert np.nanmax(columns.repulsion) > 0.5 * G
     repulsion, psi = (empty_frame(boxes, 2) for _ in range(2))
     taken(gather, way)(
@@ -146,7 +146,7 @@ def test_the_sums_do_not_depend_on_the_lists() -> None:
     results = []
     for threads in (1, 2, 7):
         columns = cover.columns(background=True, n_types=3)
-        accumulate(cover.lists(threads), phi, boxes, interaction(), columns)
+        accumulate(cover.shares(threads), cover.lists(), phi, boxes, interaction(), columns)
         results.append(np.concatenate([columns.repulsion, columns.potential]))
     np.testing.assert_array_equal(results[0], results[1])
     np.testing.assert_array_equal(results[0], results[2])

@@ -7,6 +7,7 @@ from scipy.ndimage import map_coordinates
 
 from morphosim.kernels.contacts import Neighbours, contacts
 from morphosim.kernels.moments import Fields
+from morphosim.kernels.sharing import shares_of
 
 from .example_boxes import both_ways, box, taken
 from .example_fields import (
@@ -22,7 +23,7 @@ from .example_fields import (
 )
 
 NEIGHBOUR_LEVEL = 0.3
-BOUNDS = np.array([0, 1, 1, 4])
+SHARES = shares_of([0, 1, 1, 4], threads=3)
 PAIRS = [(0, 1), (0, 2), (0, 3), (1, 0), (2, 0), (3, 0), (3, 1)]
 NEIGHBOURS = Neighbours(
     np.searchsorted([i for i, _ in PAIRS], np.arange(5)), np.array([j for _, j in PAIRS])
@@ -57,7 +58,7 @@ def check_areas(way: str, fields: Fields) -> tuple[NDArray[np.float64], NDArray[
     """Areas of the pairs, and of what any neighbour covers, which are those of plain geometry."""
     found, touched = np.full(len(PAIRS), 1e30), np.full(len(SHAPES), 1e30)
     work = make_work(fields, threads=3)
-    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, touched)
+    taken(contacts, way)(SHARES, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, touched)
     expected = [sum(covered(p, fields, j) for p in pieces(fields, i, LEVEL)) for i, j in PAIRS]
     union = [
         sum(
@@ -95,7 +96,7 @@ def test_a_cell_without_neighbours_is_skipped(way: str) -> None:
     touched = np.full(len(SHAPES), 1e30)
     nobody = Neighbours(np.zeros(len(SHAPES) + 1, np.int64), np.zeros(0, np.int64))
     work = make_work(fields, threads=3)
-    taken(contacts, way)(BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, nobody, work, np.zeros(0), touched)
+    taken(contacts, way)(SHARES, fields, LEVEL, NEIGHBOUR_LEVEL, nobody, work, np.zeros(0), touched)
     assert (touched == 0).all()
     assert np.isnan(work.values).all()
 
@@ -111,7 +112,7 @@ def test_all_of_the_surface_within_a_larger_cell_is_in_contact(way: str) -> None
     found = np.zeros(len(PAIRS))
     work = make_work(fields, threads=3)
     taken(contacts, way)(
-        BOUNDS, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, np.zeros(len(SHAPES))
+        SHARES, fields, LEVEL, NEIGHBOUR_LEVEL, NEIGHBOURS, work, found, np.zeros(len(SHAPES))
     )
     assert found[0] == pytest.approx(sum(p.area for p in pieces(fields, 0, LEVEL)))
     assert found[3] == 0

@@ -17,7 +17,7 @@ from .conftest import NEED_COMPILATION
 
 NOT_KERNELS = {
     "frames.frame_shapes", "frames.frame_sizes", "points.point_force", "points.records",
-    "points.force_at_point",
+    "points.force_at_point", "sharing.equal_shares", "sharing.shares_of", "sharing.take",
 }  # fmt: skip
 """Helpers of the host that belong beside the kernels."""
 MODULES = [f"{kernels.__name__}.{found.name}" for found in pkgutil.iter_modules(kernels.__path__)]

@@ -20,6 +20,7 @@ from morphosim.kernels.linearised import (
     take_steps,
     try_steps,
 )
+from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.stencils import COEFFICIENTS
 
 from .example_boxes import (
@@ -74,7 +75,7 @@ class Tried:
     def take(self, way: str = "compiled") -> None:
         setting = self.setting
         taken(take_steps, way)(
-            setting.bounds, setting.order, self.new, setting.phi, setting.history,
+            setting.shares, setting.order, self.new, setting.phi, setting.history,
             setting.dtype(GROWTH), setting.boxes, self.rows, self.found, setting.surveys,
             setting.lost, self.totals,
         )  # fmt: skip
@@ -287,7 +288,7 @@ def test_extrapolations_to_another_time_lie_on_the_same_line(way: str) -> None:
         ahead[:] = np.where(in_band(boxes, i)[..., None], phi + share * (ahead - phi), ahead)
         after["totals"][i] = np.where(in_band(boxes, i)[..., None], ahead, 0).sum()
     taken(stretch, way)(
-        setting.bounds, setting.order, setting.phi, setting.history, share, boxes, tried.totals
+        setting.shares, setting.order, setting.phi, setting.history, share, boxes, tried.totals
     )
     for name, value in tried.state().items():
         np.testing.assert_allclose(value, after[name], rtol=1e-12, atol=1e-13, err_msg=name)
@@ -315,13 +316,13 @@ def test_the_result_does_not_depend_on_the_lists() -> None:
     for order, bounds, threads in lists:
         tried = Tried(linearised_setting())
         setting = tried.setting
-        setting.order, setting.bounds = np.array(order), np.array(bounds)
+        setting.order, setting.shares = np.array(order), shares_of(bounds, threads)
         set_num_threads(min(threads, get_num_threads()))
         for _ in range(2):
             tried.attempt()
             tried.take()
             stretch(
-                setting.bounds, setting.order, setting.phi, setting.history, 0.8, setting.boxes,
+                setting.shares, setting.order, setting.phi, setting.history, 0.8, setting.boxes,
                 tried.totals,
             )  # fmt: skip
         results.append(tried.state())

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from morphosim.kernels.moments import N_MOMENTS, find_extents, moments, overlapping_pairs
+from morphosim.kernels.sharing import shares_of
 
 from .example_boxes import both_ways, box, taken
 from .example_fields import LOW_LEVEL, SHAPES, random_fields
 
-BOUNDS = np.array([0, 3, 3, 4])
+SHARES = shares_of([0, 3, 3, 4], threads=3)
 POWERS = [
     (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0),
     (1, 0, 1), (0, 1, 1),
@@ -21,7 +22,7 @@ POWERS = [
 def test_moments(way: str, dtype: type) -> None:
     fields = random_fields(3, dtype)
     found = np.full((len(SHAPES), N_MOMENTS), 1e30)
-    taken(moments, way)(BOUNDS, fields, found)
+    taken(moments, way)(SHARES, fields, found)
     for i, shape in enumerate(SHAPES):
         x, y, z = np.indices(shape)
         phi = box(fields.phi, fields, i)
@@ -41,7 +42,7 @@ def test_extents(level: float, way: str) -> None:
     fields = random_fields(5)
     outer = box(fields.phi, fields, 0)
     outer[0], outer[:, :, -2:], outer[2, 2, 2] = 0, level, -2
-    taken(find_extents, way)(BOUNDS, fields, level)
+    taken(find_extents, way)(SHARES, fields, level)
     for i in range(3):
         where = np.argwhere(np.abs(box(fields.phi, fields, i)) > level)
         expected = np.stack([where.min(axis=0), where.max(axis=0) + 1], axis=1)

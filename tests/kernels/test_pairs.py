@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from morphosim.kernels.frames import frame_size
 from morphosim.kernels.layout import Boxes, Pairs
 from morphosim.kernels.pairs import accumulate_pairs
+from morphosim.kernels.sharing import shares_of
 
 from .example_boxes import GAP, both_ways, grid, make_boxes, seen_from, taken, with_halo
 
@@ -39,8 +40,8 @@ def frame(target: NDArray, pairs: Pairs, boxes: Boxes, i: int) -> NDArray:
 def test_pairs_add_the_weighted_fields_of_their_cells(way: str) -> None:
     boxes, phi = make_boxes(seed=9)
     pairs, target = make_pairs(boxes)
-    order, bounds = np.array([2, 0, 4, 3, 1]), np.array([0, 3, 5])
-    taken(accumulate_pairs, way)(bounds, order, pairs, phi, boxes, target)
+    order, shares = np.array([2, 0, 4, 3, 1]), shares_of([0, 3, 5], threads=2)
+    taken(accumulate_pairs, way)(shares, order, pairs, phi, boxes, target)
     assert seen_from(boxes, phi, 1, 0).any()
     assert not seen_from(boxes, phi, 0, 3).any()
     between = np.ones(len(target), bool)
@@ -101,6 +102,6 @@ def test_the_result_does_not_depend_on_the_lists() -> None:
     results = []
     for order, bounds in (([0, 1, 2, 3, 4], [0, 5]), ([4, 2, 0, 3, 1], [0, 1, 1, 4, 5])):
         pairs, target = make_pairs(boxes)
-        accumulate_pairs(np.array(bounds), np.array(order), pairs, phi, boxes, target)
+        accumulate_pairs(shares_of(bounds, threads=2), np.array(order), pairs, phi, boxes, target)
         results.append(target)
     np.testing.assert_array_equal(*results)

@@ -17,6 +17,7 @@ from morphosim.kernels.frames import frame_size
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import Boxes, Limits, Pairs, Scheme
 from morphosim.kernels.pairs import accumulate_pairs
+from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.step import N_FRAMES, accept_all, prepare_all, step_band, step_transform
 from morphosim.numerics.chebyshev import chebyshev_roots, largest_eigenvalue
 from morphosim.numerics.parameters import Numerics
@@ -84,20 +85,21 @@ class Setting:
         ).require(boxes.shape)
         self.limits = Limits(*map(dtype, (tolerance, RUNAWAY, 0.5)))
         self.surveys, self.lost = np.full((n, N_SURVEYED), -1.0), np.full(n, 0.25)
-        self.order, self.bounds = np.array(STEPPED), np.array([0, 2, len(STEPPED)])
+        self.order = np.array(STEPPED)
+        self.shares = shares_of([0, 2, len(STEPPED)], threads=2)
         self.coupling: tuple = (interaction(), None, None, None)
         self.uses: tuple = (None, None)
 
     def couple(self, cover: Cover, *, attracts: bool = True, pairs: Pairs | None = None) -> None:
         """Repulsion, and attraction by type and by pairs, by the present fields."""
         columns = cover.columns(background=False, n_types=3 if attracts else 0)
-        accumulate(cover.lists(), self.phi, self.boxes, interaction(), columns)
+        accumulate(cover.shares(), cover.lists(), self.phi, self.boxes, interaction(), columns)
         pool = None
         if pairs is not None:
             sizes = [frame_size(i, self.boxes) for i in range(len(self.boxes.start))]
             pairs.frame_start[:] = np.cumsum([0, *sizes[:-1]])
             pool = np.full(sum(sizes), np.nan)
-            accumulate_pairs(self.bounds, self.order, pairs, self.phi, self.boxes, pool)
+            accumulate_pairs(self.shares, self.order, pairs, self.phi, self.boxes, pool)
         self.coupling = interaction(), columns, None if pairs is None else pairs.frame_start, pool
         self.uses = True, True if attracts or pairs is not None else None
 
@@ -106,19 +108,19 @@ class Setting:
 
     def acting(self) -> tuple:
         return (
-            self.bounds, self.order, self.phi, self.history, self.boxes, self.terms,
+            self.shares, self.order, self.phi, self.history, self.boxes, self.terms,
             *self.coupling,
         )  # fmt: skip
 
     def space(self) -> tuple:
         """Work space with nothing sensible in it, as large as it must be and no larger."""
-        shape, lists = self.boxes.shape, len(self.bounds) - 1
+        shape, threads = self.boxes.shape, self.shares.threads
         sizes = [frame_size(i, self.boxes) for i in self.order]
         size = max(*sizes, COLUMNS * int(shape.max()))
         return (
-            np.full((lists, N_FRAMES, size), np.nan, self.dtype),
-            np.full((lists, shape[:, 0].max(), 2), -5, np.int32),
-            np.full((lists, N_SURVEYED), np.nan),
+            np.full((threads, N_FRAMES, size), np.nan, self.dtype),
+            np.full((threads, shape[:, 0].max(), 2), -5, np.int32),
+            np.full((threads, N_SURVEYED), np.nan),
         )  # fmt: skip
 
     def band_step(self, way: str = "compiled") -> None:
@@ -150,7 +152,7 @@ class Setting:
         for i in self.order:
             box(rhs, self.boxes, i)[:] = solved(self, i, box(rhs, self.boxes, i))
         taken(accept_all, way)(
-            self.bounds, self.order, self.phi, rhs, self.boxes, self.limits, found, measured,
+            self.shares, self.order, self.phi, rhs, self.boxes, self.limits, found, measured,
             self.surveys,
         )  # fmt: skip
 
@@ -374,7 +376,7 @@ def smooth_setting(**options: Any) -> Setting:
     setting = Setting(boxes, phi, SCHEME | {"lhs": 9.0}, tolerance=1e-12, **options)
     if setting.history is not None:
         setting.history[:] = np.where(setting.phi == 7, 9, 0.3 * setting.phi)
-    setting.order, setting.bounds = np.arange(5), np.array([0, 2, 5])
+    setting.order, setting.shares = np.arange(5), shares_of([0, 2, 5], threads=2)
     return setting
 
 
@@ -443,7 +445,7 @@ def test_the_result_does_not_depend_on_the_lists(step: Callable) -> None:
         boxes, phi = make_boxes(13, ORIGINS, SHAPES)
         setting = Setting(boxes, phi, SCHEME, iterations=4, drift=True)
         setting.couple(Cover(boxes))
-        setting.order, setting.bounds = np.array(order), np.array(bounds)
+        setting.order, setting.shares = np.array(order), shares_of(bounds, threads)
         setting.limits = setting.limits._replace(runaway=np.float64(1e6))
         set_num_threads(min(threads, get_num_threads()))
         for _ in range(3):
@@ -480,7 +482,7 @@ def test_a_cell_does_not_feel_itself(step: Callable, way: str) -> None:
             band_of(setting.boxes, i)[:] = 99, 0
         box(setting.phi, setting.boxes, 2)[:] = 0
         band_of(setting.boxes, 2)[:] = 99, 0
-        setting.order, setting.bounds = np.array([3]), np.array([0, 1])
+        setting.order, setting.shares = np.array([3]), shares_of([0, 1], threads=1)
         assert box(setting.phi, setting.boxes, 3)[..., [0, -1]].any(axis=(0, 1)).all()
         if coupled:
             setting.couple(Cover(setting.boxes, absent=0))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.surfaces import corners, cut_cube, surfaces
 
 from .example_boxes import both_ways, taken
@@ -17,7 +18,7 @@ from .example_fields import (
     with_extents,
 )
 
-BOUNDS = np.array([0, 1, 1, 4])
+SHARES = shares_of([0, 1, 1, 4], threads=3)
 
 
 @both_ways
@@ -25,7 +26,7 @@ BOUNDS = np.array([0, 1, 1, 4])
 def test_area_and_volume(way: str, dtype: type) -> None:
     fields = with_extents(random_fields(1, dtype))
     found = np.full((len(SHAPES), 2), 1e30)
-    taken(surfaces, way)(BOUNDS, fields, LEVEL, make_work(fields, threads=3), found)
+    taken(surfaces, way)(SHARES, fields, LEVEL, make_work(fields, threads=3), found)
     for i in range(3):
         expected = list(pieces(fields, i, LEVEL))
         area, volume = sum(p.area for p in expected), sum(p.volume for p in expected)

@@ -68,7 +68,7 @@ class LibrarySolver(FixedSteps):
             for task in tasks:
                 task.result()
         accept_all(
-            schedule.bounds, schedule.order, pool.phi, self._rhs, pool.boxes, state.limits,
+            schedule.shares, schedule.order, pool.phi, self._rhs, pool.boxes, state.limits,
             workspace.found, workspace.measured, pool.surveys,
         )  # fmt: skip
 

@@ -117,7 +117,7 @@ class LinearisedSolver:
         if ticks == self.laid:
             return False
         stretch(
-            schedule.bounds, schedule.order, pool.phi, pool.acting,
+            schedule.shares, schedule.order, pool.phi, pool.acting,
             self._dtype.type(ticks / self.laid), pool.boxes, pool.totals,
         )  # fmt: skip
         self.laid = ticks
@@ -167,7 +167,7 @@ class LinearisedSolver:
         """Take the step that was tried, and lay φ* for one of `planned` ticks."""
         pool, schedule = state.pool, state.schedule
         take_steps(
-            schedule.bounds, schedule.order, self._target(pool), pool.phi, pool.acting,
+            schedule.shares, schedule.order, self._target(pool), pool.phi, pool.acting,
             self._dtype.type(planned / state.ticks), pool.boxes, self._rows, self._surveys,
             pool.surveys, pool.lost, pool.totals,
         )  # fmt: skip

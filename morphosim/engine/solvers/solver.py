@@ -43,7 +43,7 @@ class StepState(NamedTuple):
         """What all step kernels begin with: cells, fields, and what acts on them."""
         pool, coupling = self.pool, self.coupling
         return (
-            self.schedule.bounds, self.schedule.order, pool.phi, pool.history, pool.boxes,
+            self.schedule.shares, self.schedule.order, pool.phi, pool.history, pool.boxes,
             self.terms, coupling.interaction, coupling.columns, *coupling.pairs,
             self.workspace.frames,
         )  # fmt: skip
