@@ -142,15 +142,21 @@ class _Apart(Compiler):  # type: ignore[misc]  # Numba has no types
         self.state.flags.noalias = True
 
 
-def kernel(overlapping: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator that makes a kernel; `options` are further ones of `numba.njit`."""
+def kernel(
+    overlapping: bool = False, kept: bool = True, **options: Any
+) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator that makes a kernel; `options` are further ones of `numba.njit`.
+
+    Compiled code is `kept` on disk, but that of generators: Numba does not find them there again.
+    Kernels that they are a part of are kept with them.
+    """
     compiler = Compiler if overlapping else _Apart
 
     def decorate(function: Callable[..., Any]) -> Any:
         with _cached_in(CACHE.folder or ""):
             return numba.njit(
                 error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False,
-                cache=CACHE.folder is not None, pipeline_class=compiler, **options,
+                cache=kept and CACHE.folder is not None, pipeline_class=compiler, **options,
             )(function)  # fmt: skip
 
     return decorate

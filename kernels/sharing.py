@@ -56,7 +56,7 @@ def share(shares):
     shares.taken[0] = 0
 
 
-@kernel()
+@kernel(kept=False)
 def turns(shares):
     """Places in the list of work whose turn it is for this thread; other threads get others."""
     pieces = shares.bounds.shape[0] - 1
