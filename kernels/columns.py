@@ -20,7 +20,7 @@ from morphosim.kernels.frames import (
     reach,
     strides,
 )
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 
 SHIFT = 3
 WIDTH = 1 << SHIFT
@@ -130,7 +130,7 @@ def accumulate(shares, lists, phi, boxes, interaction, columns):
     interaction : Interaction
     columns : Columns
     """
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for a in turns(shares):
             sum_column(

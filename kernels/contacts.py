@@ -10,7 +10,7 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.surfaces import corners, crossings, cubes_of, cut_cube, load_extent
 
 COVERED = 7
@@ -189,7 +189,7 @@ def contacts(shares, fields, level, neighbour_level, neighbours, work, out, touc
     out : (len(neighbours.cell),) float64, overwritten; in squared lattice steps
     touched : (N,) float64, overwritten with the area on which any neighbour's φ is as large
     """
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         for i in turns(shares):
             touched[i] = meet(

@@ -21,7 +21,7 @@ from morphosim.kernels.frames import (
     mirror,
     strides,
 )
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.stencils import derivative, weighted_neighbours
 
 PLACE = 9
@@ -89,7 +89,7 @@ def find_place(i, phi, boxes, spacing, out):
 @parallel_kernel()
 def begin(shares, order, begins, phi, boxes, spacing, step, time, place, speed, clock):
     """Begin the history of the cells that `begins` names: they have no velocity yet."""
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for k in turns(shares):
             i = order[k]
@@ -176,7 +176,7 @@ def look(
     errors : (N, 2, PLACE) errors, by the slow and by the fast of two rates, µm, updated
     clock : (N, N_CLOCK), updated
     """
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         here = places[worker]
         for k in turns(shares):

@@ -33,7 +33,7 @@ from morphosim.kernels.frames import (
     run,
     strides,
 )
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.stencils import weighted_neighbours
 
 PHI, PSI, RHS, LAST, U, DAMPING = 0, 1, 2, 3, 4, 5
@@ -242,7 +242,7 @@ def try_steps(
     surveys : (N, N_SURVEYED), overwritten
     changes : (N, N_CHANGES) float64, overwritten
     """
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         frames = work[worker]
         for k in turns(shares):
@@ -312,7 +312,7 @@ def take_steps(
     surveys, lost : (N, N_SURVEYED) and (N,) float64, updated
     totals : (N,) float64, overwritten with Σ φ*
     """
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for k in turns(shares):
             i = order[k]
@@ -325,7 +325,7 @@ def stretch(shares, order, phi, ahead, share, boxes, totals):
 
     Parameters as for `take_steps`; `share` is the new δt in those of the old.
     """
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for k in turns(shares):
             i = order[k]

@@ -7,7 +7,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.boxes import include, row_peak, row_span
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 
 N_MOMENTS = 14
 """Of positions in a box: Σ φ, Σ φ (x, y, z); and of the inside, whose weight w goes from 0 to 1 as
@@ -81,7 +81,7 @@ def moments(shares, fields, out):
     fields : Fields
     out : (N, N_MOMENTS) float64, overwritten
     """
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for i in turns(shares):
             box_moments(i, fields, out[i])
@@ -114,7 +114,7 @@ def find_extents(shares, fields, level):
     fields : Fields
     level : float
     """
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for i in turns(shares):
             find_extent(i, fields, level)

@@ -5,7 +5,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import HALO, band_rows, frame_index, frame_size, strides
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 
 
 @inline_kernel()
@@ -47,7 +47,7 @@ def accumulate_pairs(shares, order, pairs, phi, boxes, target):
     boxes : Boxes
     target : 1-D pool of the frames of pulled cells, overwritten
     """
-    share(shares)
+    offer(shares)
     for _ in prange(shares.threads):
         for k in turns(shares):
             i = order[k]

@@ -51,8 +51,8 @@ def _take_in_turn(taken):
 
 
 @kernel()
-def share(shares):
-    """Begin to share out: nothing is taken."""
+def offer(shares):
+    """Offer all pieces: none is taken."""
     shares.taken[0] = 0
 
 

@@ -27,7 +27,7 @@ from morphosim.kernels.frames import (
     unload,
 )
 from morphosim.kernels.helmholtz import helmholtz_solve
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 
 PHI, PSI, RHS, HISTORY, START, N_FRAMES = 0, 1, 2, 3, 4, 6
 """A thread's frames; each holds that of the largest box."""
@@ -149,7 +149,7 @@ def step_transform(
     surveys : (N, N_SURVEYED) float64, updated; see `survey`
     use_repulsion, use_psi : True, or None where the scene has no such physics
     """
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         frames = work[worker]
         for k in turns(shares):
@@ -188,7 +188,7 @@ def step_band(
 
     Parameters as for `step_transform`; `lost` (N,) float64 counts Σ φ of rows that leave the band.
     """
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         frames = work[worker]
         one = limits.half + limits.half
@@ -218,7 +218,7 @@ def prepare_all(
     work, stencil, scheme, first, half, rhs, use_repulsion, use_psi,
 ):  # fmt: skip
     """Right-hand sides of all cells into the pool `rhs`, for a transform outside of Numba."""
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         frames = work[worker]
         for k in turns(shares):
@@ -235,7 +235,7 @@ def prepare_all(
 @parallel_kernel()
 def accept_all(shares, order, phi, values, boxes, limits, found, measured, surveys):
     """Survey and store the new fields of all cells, given in the pool `values`."""
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         for k in turns(shares):
             i = order[k]

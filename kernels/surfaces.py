@@ -13,7 +13,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import clear_row, copy_row
-from morphosim.kernels.sharing import share, turns
+from morphosim.kernels.sharing import offer, turns
 
 
 class Work(NamedTuple):
@@ -217,7 +217,7 @@ def surfaces(shares, fields, level, work, out):
     work : Work
     out : (N, 2) float64, overwritten; in squared and cubed lattice steps
     """
-    share(shares)
+    offer(shares)
     for worker in prange(shares.threads):
         for i in turns(shares):
             enclose(i, fields, level, work.values[worker], work.cubes[worker], out[i])
