@@ -66,7 +66,9 @@ def test_cells_that_pull_on_the_same_points_add_up(way: str) -> None:
     origins = ((0, 0, 0), (1, 2, 1), (2, -1, 3), (90, 0, 0), (99, 0, 0))
     boxes, phi = make_boxes(9, origins, ((8, 8, 8),) * 5)
     pairs, target = make_pairs(boxes, gap=0)
-    taken(accumulate_pairs, way)(np.array([0, 1]), np.array([0]), pairs, phi, boxes, target)
+    taken(accumulate_pairs, way)(
+        shares_of([0, 1], threads=1), np.array([0]), pairs, phi, boxes, target
+    )
     one, other = seen_from(boxes, phi, 1, 0), seen_from(boxes, phi, 2, 0)
     assert ((one > 0) & (other > 0)).any()
     found = with_halo(frame(target, pairs, boxes, 0), boxes, 0)
@@ -79,7 +81,9 @@ def test_the_halo_of_a_frame_sees_others_too(way: str) -> None:
     origins = ((0, 0, 0), (0, 0, 8), (0, -9, 0), (8, 0, 0), (99, 0, 0))
     boxes, phi = make_boxes(9, origins, ((8, 8, 8),) * 5)
     pairs, target = make_pairs(boxes)
-    taken(accumulate_pairs, way)(np.array([0, 1]), np.array([0]), pairs, phi, boxes, target)
+    taken(accumulate_pairs, way)(
+        shares_of([0, 1], threads=1), np.array([0]), pairs, phi, boxes, target
+    )
     found = with_halo(frame(target, pairs, boxes, 0), boxes, 0)
     assert found.any()
     assert not found[3:-3, 3:-3, 3:-3].any()
@@ -91,7 +95,9 @@ def test_the_halo_of_a_frame_sees_others_too(way: str) -> None:
 def test_cells_that_are_not_listed_are_left_alone(way: str) -> None:
     boxes, phi = make_boxes(seed=9)
     pairs, target = make_pairs(boxes)
-    taken(accumulate_pairs, way)(np.array([0, 1]), np.array([1]), pairs, phi, boxes, target)
+    taken(accumulate_pairs, way)(
+        shares_of([0, 1], threads=1), np.array([1]), pairs, phi, boxes, target
+    )
     for i in (0, 2, 3):
         assert (frame(target, pairs, boxes, i) == 1e30).all()
     assert np.abs(frame(target, pairs, boxes, 1)).max() < 1
