@@ -22,8 +22,8 @@ def shares_of(bounds, threads):
 
 def equal_shares(cost, threads):
     """Shares of a list of work of these costs (n,), in pieces of about equal cost; not a kernel."""
-    load, pieces = np.cumsum(cost), PIECES * threads if threads > 1 else 1
-    inner = np.searchsorted(load, load[-1:] * np.arange(1, pieces) / pieces)
+    load, pieces = np.cumsum(np.append(0, cost)), PIECES * threads if threads > 1 else 1
+    inner = np.searchsorted(load[1:], load[-1] * np.arange(1, pieces) / pieces)
     return shares_of([0, *inner, len(cost)], threads)
 
 
@@ -62,6 +62,6 @@ def turns(shares):
     pieces = shares.bounds.shape[0] - 1
     piece = take(shares.taken)
     while piece < pieces:
-        for k in range(shares.bounds[piece], shares.bounds[piece + 1]):
+        for k in range(shares.bounds[piece], shares.bounds[piece + 1]):  # noqa: UP028
             yield k
         piece = take(shares.taken)
