@@ -156,7 +156,8 @@ def kernel(
         with _cached_in(CACHE.folder or ""):
             return numba.njit(
                 error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False,
-                cache=kept and CACHE.folder is not None, pipeline_class=compiler, **options,
+                cache=kept and CACHE.folder is not None, pipeline_class=compiler,
+                no_cfunc_wrapper=True, **options,
             )(function)  # fmt: skip
 
     return decorate
