@@ -6,6 +6,7 @@ it has had nothing to do for a while, or with the one that asks.
 
 import atexit
 import contextlib
+import json
 import os
 import pickle
 import select
@@ -23,10 +24,21 @@ PATIENCE = 5.0
 """Seconds that a process has to end by itself once it no longer answers."""
 LENGTH = struct.Struct("<Q")
 SERVE = "from morphosim._isolated import serve; serve()"
+FROM_HERE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+"""What the program of a process begins with, to import from where the one that starts it does: not
+from the folder where it is started, in which another `morphosim` may lie."""
 
 
 class ReaderDiedError(Exception):
     """The process that read a file has died of it."""
+
+
+def process_beside(program: str) -> "subprocess.Popen[bytes]":
+    """Start a Python process, with pipes to and from it, that imports from where this one does."""
+    return subprocess.Popen(
+        [sys.executable, "-c", FROM_HERE + program, json.dumps(list(map(str, sys.path)))],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
 
 
 def isolated(function: Callable[..., T], *arguments: Any) -> T:
@@ -81,11 +93,7 @@ class _Process:
         if self._child is not None and self._owner == os.getpid() and self._child.poll() is None:
             return self._child
         self.close()
-        paths = os.pathsep.join(path for path in sys.path if path)
-        self._child = subprocess.Popen(
-            [sys.executable, "-c", SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": paths},
-        )  # fmt: skip
+        self._child = process_beside(SERVE)
         self._owner = os.getpid()
         return self._child
 

@@ -10,7 +10,7 @@ import pytest
 
 from morphosim import _isolated
 from morphosim._files import guarded
-from morphosim._isolated import ReaderDiedError, isolated
+from morphosim._isolated import ReaderDiedError, isolated, process_beside
 
 
 def test_values_and_errors_come_back() -> None:
@@ -45,3 +45,15 @@ def test_a_reader_ends_when_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) ->
         other.write(b"x")
         other.flush()
         assert _isolated._is_asked(file)
+
+
+def test_a_process_beside_imports_from_where_this_one_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "morphosim"
+    other.mkdir()
+    (other / "__init__.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    with process_beside("import morphosim; print(morphosim.__file__)") as process:
+        answer, _ = process.communicate()
+    assert answer.decode().strip() == _isolated.__file__.replace("_isolated.py", "__init__.py")

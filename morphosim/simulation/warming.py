@@ -6,7 +6,6 @@ says for which stand-ins all has been compiled.
 """
 
 import json
-import os
 import pickle
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from filelock import FileLock
 from numba.core.registry import cpu_target
 
 from morphosim._files import write_text
+from morphosim._isolated import process_beside
 from morphosim.kernels._jit import CACHE, NEEDED
 from morphosim.numerics.threads import available_processors
 from morphosim.progress import TellWhat
@@ -122,7 +122,7 @@ def _compile(stand_ins: Sequence[StandIn], tell: TellWhat) -> int:
     """Have processes compile what stand-ins call; how many kernels that are."""
     tell(WHAT, 0, 1)
     board, asked = _Board(), _pickled(stand_ins)
-    children = [_child() for _ in range(min(available_processors(), MOST))]
+    children = [process_beside(SERVE) for _ in range(min(available_processors(), MOST))]
     threads = [threading.Thread(target=_hand_out, args=(c, asked, board)) for c in children]
     try:
         for thread in threads:
@@ -152,15 +152,6 @@ def _pickled(stand_ins: Sequence[StandIn]) -> bytes:
         message = "another process does not find what a scene has of this script; run it instead"
         raise NotFoundHereError(message)
     return data
-
-
-def _child() -> "subprocess.Popen[bytes]":
-    """A process that compiles, on one thread."""
-    paths = os.pathsep.join(path for path in sys.path if path)
-    return subprocess.Popen(
-        [sys.executable, "-c", SERVE], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": paths},
-    )  # fmt: skip
 
 
 def _close(child: "subprocess.Popen[bytes]") -> None:
