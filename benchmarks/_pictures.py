@@ -233,7 +233,7 @@ def _history_panel(axes: Axes, courses: Sequence[Course], commits: Mapping[str, 
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 1 / LEAST_SPAN), max(high, LEAST_SPAN))
     axes.set_xticks(
-        list(place.values()), [f"{c[:8]}\n{commits[c]:%d %b %Y}" for c in place], fontsize=7
+        list(place.values()), [f"{c[:7]}\n{commits[c]:%d %b %y}" for c in place], fontsize=7
     )
     axes.yaxis.set_major_locator(mpl.ticker.LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
     axes.yaxis.set_major_formatter("{x:g}")
