@@ -6,10 +6,11 @@ from contextvars import ContextVar
 
 from numba.core import event
 
-from morphosim import kernels
 from morphosim.kernels._jit import CACHE, NEEDED
 from morphosim.progress import TellWhat, progress_line
 
+KERNELS = "morphosim.kernels."
+"""What the names of our kernels' modules begin with."""
 Progress = Callable[[], AbstractContextManager[TellWhat]]
 _PROGRESS: ContextVar[Progress] = ContextVar("progress", default=progress_line)
 
@@ -55,7 +56,7 @@ class _Listener(event.Listener):  # type: ignore[misc]
     def on_start(self, event: event.Event) -> None:
         """Tell, at the first of our kernels."""
         module = event.data["dispatcher"].py_func.__module__
-        if not self._told and str(module).startswith(f"{kernels.__name__}."):
+        if not self._told and str(module).startswith(KERNELS):
             self._told = True
             self._tell(compilation_text())
 
