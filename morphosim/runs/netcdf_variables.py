@@ -1,5 +1,6 @@
 """Variables in netCDF files: how they are stored, and how a file describes them."""
 
+import zlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,9 +14,11 @@ from morphosim.measure.variable import Variable
 from morphosim.runs.schema import PHI_STEP
 
 try:
-    from isal import isal_zlib as zlib
+    from isal import isal_zlib
+
+    deflate = isal_zlib.compress
 except ImportError:  # it is not made for every processor
-    import zlib
+    deflate = zlib.compress
 
 Values = dict[str, Any]
 CHUNK = 1 << 15
@@ -75,7 +78,7 @@ def deflated(chunk: NDArray[Any], size: int) -> bytes:
     if len(chunk) < size:  # the last one: chunks are whole in a file
         chunk = np.append(chunk, np.zeros(size - len(chunk), chunk.dtype))
     bytes_of_a_weight_together = chunk.view(np.uint8).reshape(size, -1).T
-    return bytes(zlib.compress(bytes_of_a_weight_together.tobytes(), LEVEL))
+    return bytes(deflate(bytes_of_a_weight_together.tobytes(), LEVEL))
 
 
 def create(group: Any, name: str, variable: Variable, shape: tuple[int, ...], kind: Any) -> Any:
