@@ -1,16 +1,39 @@
-"""Boxes: what a step leaves behind in them, and moving them by whole lattice steps."""
+"""Boxes: what a step leaves behind in them, and laying them anew around their fields."""
 
 import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import clear_row, copy_row
+from morphosim.kernels.rows import (
+    HIGH,
+    LOW,
+    N_SPANS,
+    NEW_HIGH,
+    NEW_LOW,
+    beyond,
+    block,
+    copy_blocks,
+    covered,
+    list_spans,
+    listed,
+    n_blocks,
+    n_listed,
+    row_number,
+    row_place,
+    row_span,
+    settle_rows,
+    widen,
+)
 
-TOTAL, BAND, CORE, BAD, FACE, EDGE, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6
+TOTAL, BAND, CORE, BAD, FACE, EDGE, WANTED, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6, 7
 """What a survey finds: Σ φ, points with |φ| > tolerance, points with φ > 1/2, points beyond the
-limit or not finite, and the largest |φ| on the faces of the box and on the edge of its band."""
+limit or not finite, the largest |φ| on the faces of the box and on the edge of its band, and how
+many points the cell needs in the pools."""
 GUARD = 1
-"""Rows of the band beyond those where |φ| exceeds the tolerance."""
+"""Points of the band beyond those where |φ| exceeds the tolerance, along x, y and z."""
+PART = 1024
+"""Points that are summed in the type of the fields."""
 
 
 @inline_kernel()
@@ -53,15 +76,13 @@ def row_peak(values, first, nz):
 
 
 @kernel()
-def survey(values, first, sx, sy, nx, ny, nz, rows, whole, limits, found, out):
-    """Measure one field.
+def survey(values, nx, ny, nz, limits, found, out):
+    """Measure one field that is kept whole.
 
     Parameters
     ----------
-    values : 1-D; point (x, y, z) of the box lies at first + x sx + y sy + z
+    values : 1-D, begins with the box
     nx, ny, nz : shape of the box
-    rows : (nx, 2) rows [y0, y1) of each plane to look at; the field is 0 in others
-    whole : bool, look at all rows
     limits : Limits
     found : (nx, 2), overwritten with the rows of each plane where |φ| exceeds the tolerance
     out : (N_SURVEYED,) float64, overwritten
@@ -69,17 +90,12 @@ def survey(values, first, sx, sy, nx, ny, nz, rows, whole, limits, found, out):
     tolerance2 = limits.tolerance * limits.tolerance
     runaway2 = limits.runaway * limits.runaway
     sum_total = sum_band = sum_core = sum_bad = 0.0
-    face = edge = values.dtype.type(0)
+    face = values.dtype.type(0)
     last = np.uint64(nz - 1)
     for x in range(nx):
         found[x, 0], found[x, 1] = ny, 0
-        y0, y1 = (0, ny) if whole else (rows[x, 0], rows[x, 1])
-        inner_0, inner_1 = y0 + 1, y1 - 1
-        if not whole and 0 < x < nx - 1:
-            inner_0 = max(inner_0, rows[x - 1, 0], rows[x + 1, 0])
-            inner_1 = min(inner_1, rows[x - 1, 1], rows[x + 1, 1])
-        for y in range(y0, y1):
-            row = np.uint64(first + x * sx + y * sy)
+        for y in range(ny):
+            row = np.uint64((x * ny + y) * nz)
             total, band, core, bad = row_sums(values, row, nz, tolerance2, runaway2, limits.half)
             sum_total += total
             sum_band += band
@@ -92,15 +108,13 @@ def survey(values, first, sx, sy, nx, ny, nz, rows, whole, limits, found, out):
                 face = max(face, row_peak(values, row, nz))
             else:
                 face = max(face, abs(values[row]), abs(values[row + last]))
-                if not inner_0 <= y < inner_1:
-                    edge = max(edge, row_peak(values, row, nz))
     out[TOTAL], out[BAND], out[CORE], out[BAD] = sum_total, sum_band, sum_core, sum_bad
-    out[FACE] = face
-    out[EDGE] = max(edge, face)
+    out[FACE] = out[EDGE] = face
+    out[WANTED] = nx * ny * nz
 
 
 @kernel()
-def widen(found, guard, nx, ny):
+def widen_planes(found, guard, nx, ny):
     """Widen the rows of each plane by `guard`, also over the planes beside; planes stay hulls."""
     for _ in range(guard):
         before_0, before_1 = ny, 0
@@ -116,77 +130,293 @@ def widen(found, guard, nx, ny):
 
 
 @kernel()
-def clear_outside(values, first, rows, nx, ny, nz):
-    """Set a box to 0 outside of these rows of each plane; return Σ of what was there."""
-    lost = 0.0
+def settle_planes(i, boxes, found):
+    """Make these rows [y0, y1) of each plane the band of cell i, whose box is kept whole."""
+    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
+    for x in range(boxes.shape[i, 0]):
+        first = row_number(x, 0, i, boxes)
+        for y in range(ny):
+            boxes.low[first + y] = 0
+            boxes.high[first + y] = nz if found[x, 0] <= y < found[x, 1] else 0
+            boxes.place[first + y] = (x * ny + y) * nz
+
+
+@inline_kernel()
+def stretch_length(i, boxes, whole):
+    """Points of cell i in the pools."""
+    rows = boxes.shape[i, 0] * boxes.shape[i, 1]
+    if whole:
+        return rows * boxes.shape[i, 2]
+    for row in range(boxes.row_start[i] + rows - 1, boxes.row_start[i] - 1, -1):
+        if boxes.low[row] < boxes.high[row]:
+            return np.int64(boxes.place[row]) + np.int64(boxes.high[row])
+    return np.int64(0)
+
+
+@kernel()
+def survey_stretch(values, first, count, limits, out):
+    """Measure so many values of a field, but for what depends on where they are."""
+    tolerance2 = limits.tolerance * limits.tolerance
+    runaway2 = limits.runaway * limits.runaway
+    sum_total = sum_band = sum_core = sum_bad = 0.0
+    for at in range(0, count, PART):
+        total, band, core, bad = row_sums(
+            values, np.uint64(first + at), min(PART, count - at), tolerance2, runaway2, limits.half
+        )
+        sum_total += total
+        sum_band += band
+        sum_core += core
+        sum_bad += bad
+    out[TOTAL], out[BAND], out[CORE], out[BAD] = sum_total, sum_band, sum_core, sum_bad
+
+
+@inline_kernel()
+def span_beyond(values, first, low, high, level):
+    """[z0, z1) that holds all |φ| > level of a span of a row, which begins at `first`."""
+    z0, z1 = high, low
+    for k in range(n_blocks(low, high)):
+        z = block(k, low, high)
+        begin, end = beyond(values, np.uint64(first + z), level)
+        if end > 0:
+            z0, z1 = min(z0, z + begin), z + end
+    return z0, z1
+
+
+@kernel()
+def survey_rows(i, boxes, values, first, limits, spans, out):
+    """Find what of cell i's band is beyond the tolerance, row by row; it is kept row by row.
+
+    Parameters
+    ----------
+    values, first : 1-D, where its stretch begins in them
+    limits : Limits
+    spans : (N_SPANS, rows); LOW and HIGH are overwritten with what was found, others as well
+    out : (N_SURVEYED,) float64; FACE and EDGE are overwritten
+    """
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    face = edge = values.dtype.type(0)
+    list_spans(i, boxes, spans)
+    covered(i, boxes, spans)
+    for k in range(np.uint64(n_listed(nx, ny))):
+        spans[LOW, k], spans[HIGH, k] = nz, 0
     for x in range(nx):
         for y in range(ny):
-            if not rows[x, 0] <= y < rows[x, 1]:
-                row = np.uint64(first + (x * ny + y) * nz)
-                lost += row_total(values, row, nz)
-                clear_row(values, row, nz)
+            low, high = row_span(x, y, i, boxes)
+            if low >= high:
+                continue
+            k, row = listed(x, y, ny), first + boxes.place[row_number(x, y, i, boxes)]
+            z0, z1 = span_beyond(values, row, low, high, limits.tolerance)
+            if z0 < z1:
+                spans[LOW, k], spans[HIGH, k] = z0, z1
+            if x == 0 or x == nx - 1 or y == 0 or y == ny - 1:
+                face = max(face, row_peak(values, np.uint64(row + low), high - low))
+            else:
+                if low == 0:
+                    face = max(face, abs(values[np.uint64(row)]))
+                if high == nz:
+                    face = max(face, abs(values[np.uint64(row + nz - 1)]))
+                z0, z1 = (
+                    min(np.int64(spans[NEW_LOW, k]), high),
+                    max(np.int64(spans[NEW_HIGH, k]), low),
+                )
+                edge = max(edge, row_peak(values, np.uint64(row + low), z0 - low))
+                edge = max(edge, row_peak(values, np.uint64(row + z1), high - z1))
+    out[FACE], out[EDGE] = face, max(edge, face)
+
+
+@kernel()
+def relay(i, boxes, spans, values, target):
+    """Lay cell i's stretch for the band in `spans` NEW_LOW and NEW_HIGH; return Σ that is cut off.
+
+    `values` begins with the stretch as it was, `target` is a pool. What is new is 0.
+    """
+    ny = boxes.shape[i, 1]
+    goal, lost = boxes.start[i], 0.0
+    for x in range(boxes.shape[i, 0]):
+        for y in range(ny):
+            k = listed(x, y, ny)
+            low, high = row_span(x, y, i, boxes)
+            new_low, new_high = np.int64(spans[NEW_LOW, k]), np.int64(spans[NEW_HIGH, k])
+            row = np.int64(boxes.place[row_number(x, y, i, boxes)])
+            if low == new_low and high == new_high:
+                copy_blocks(values, np.uint64(row + low), target, np.uint64(goal), high - low)
+            else:
+                lost += relay_row(row, low, high, new_low, new_high, values, goal, target)
+            goal += new_high - new_low
     return lost
 
 
 @kernel()
-def find_band(i, phi, history, boxes, on_band, limits, surveys):
-    """Measure cell i's stored field and find its band anew; return Σ φ that this cuts off.
-
-    Parameters
-    ----------
-    phi, history : 1-D pools of fields; the latter may be None
-    on_band : bool, whether fields are 0 outside of the band
-    surveys : (N, N_SURVEYED), row i is overwritten
-    """
-    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
-    first, planes = boxes.start[i], boxes.plane_start[i]
-    band = boxes.band[planes : planes + nx]
-    survey(phi, first, ny * nz, nz, nx, ny, nz, band, True, limits, band, surveys[i])
-    widen(band, GUARD, nx, ny)
-    if not on_band:
-        return 0.0
-    if history is not None:
-        clear_outside(history, first, band, nx, ny, nz)
-    cut = clear_outside(phi, first, band, nx, ny, nz)
-    survey(phi, first, ny * nz, nz, nx, ny, nz, band, False, limits, band.copy(), surveys[i])
-    return cut
-
-
-@kernel()
-def find_bands(cells, phi, history, boxes, on_band, limits, surveys, lost):
-    """Do what `find_band` does for several cells; `lost` (N,) is updated with what it returns."""
-    for k in range(cells.shape[0]):
-        lost[cells[k]] += find_band(cells[k], phi, history, boxes, on_band, limits, surveys)
-
-
-@parallel_kernel()
-def extents(cells, phi, boxes, tolerance, out):
-    """Bounding box of |φ| > tolerance of each cell, out (len(cells), 3, 2): [low, high)."""
-    for k in prange(cells.shape[0]):
-        i = cells[k]
-        nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
-        for axis in range(3):
-            out[k, axis, 0] = boxes.shape[i, axis]
-            out[k, axis, 1] = 0
-        for x in range(nx):
-            for y in range(ny):
-                z0, z1 = row_span(phi, boxes.start[i] + (x * ny + y) * nz, nz, tolerance)
-                if z0 < z1:
-                    include(out, k, 0, x, x + 1)
-                    include(out, k, 1, y, y + 1)
-                    include(out, k, 2, z0, z1)
+def relay_row(row, low, high, new_low, new_high, values, goal, target):
+    """`relay` of a row whose span is another: from z = 0 at `row` to its begin at `goal`."""
+    clear_row(target, np.uint64(goal), new_high - new_low)
+    first, last = min(max(low, new_low), high), max(min(high, new_high), low)
+    if first >= last:
+        return row_total(values, np.uint64(row + low), high - low)
+    copy_row(
+        values, np.uint64(row + first), target, np.uint64(goal + first - new_low), last - first
+    )
+    lost = row_total(values, np.uint64(row + low), first - low)
+    return lost + row_total(values, np.uint64(row + last), high - last)
 
 
 @inline_kernel()
-def row_span(values, first, nz, tolerance):
+def box_span(values, first, nz, tolerance):
     """[z0, z1) that holds all |φ| > tolerance of one row; empty if there is none."""
-    z0 = 0
+    z0 = np.int64(0)
     while z0 < nz and abs(values[first + z0]) <= tolerance:
         z0 += 1
-    z1 = nz
+    z1 = np.int64(nz)
     while z1 > z0 and abs(values[first + z1 - 1]) <= tolerance:
         z1 -= 1
     return z0, z1
+
+
+@kernel()
+def find_band(i, boxes, on_band, values, limits, out):
+    """Find the band of cell i, of which `values` begins with the whole box, and what it needs.
+
+    `out` (N_SURVEYED,) is overwritten; of a field on the band, but for WANTED, it is of no use.
+    """
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    if not on_band:
+        found = np.empty((nx, 2), np.int32)
+        survey(values, nx, ny, nz, limits, found, out)
+        widen_planes(found, GUARD, nx, ny)
+        settle_planes(i, boxes, found)
+        return
+    spans = np.empty((N_SPANS, n_listed(nx, ny)), np.int16)
+    spans[LOW], spans[HIGH] = nz, 0
+    for x in range(nx):
+        for y in range(ny):
+            z0, z1 = box_span(values, (x * ny + y) * nz, nz, limits.tolerance)
+            if z0 < z1:
+                spans[LOW, listed(x, y, ny)], spans[HIGH, listed(x, y, ny)] = z0, z1
+    out[WANTED] = widen(i, boxes, GUARD, spans)
+    settle_rows(i, boxes, spans)
+
+
+@parallel_kernel()
+def find_bands(cells, boxes, on_band, starts, values, limits, surveys):
+    """`find_band` of several cells.
+
+    Parameters
+    ----------
+    cells : (n,) cells whose rows have their places, and whose bands are written
+    boxes : Boxes
+    on_band : bool, whether only the band is kept
+    starts, values : (n,) first indices, and a 1-D array in which these whole boxes begin there
+    limits : Limits
+    surveys : (N, N_SURVEYED), updated
+    """
+    for k in prange(cells.shape[0]):
+        find_band(cells[k], boxes, on_band, values[starts[k] :], limits, surveys[cells[k]])
+
+
+@parallel_kernel()
+def put_boxes(cells, boxes, on_band, starts, values, pool, lost):
+    """Put whole boxes into a pool; `lost` (N,) is updated with Σ of what the bands leave out.
+
+    Parameters as for `find_bands`; `lost` may be None.
+    """
+    for k in prange(cells.shape[0]):
+        i = cells[k]
+        nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+        cut = 0.0
+        for x in range(nx):
+            for y in range(ny):
+                source, goal = starts[k] + (x * ny + y) * nz, row_place(x, y, i, boxes)
+                low, high = np.int64(0), nz
+                if on_band:
+                    low, high = row_span(x, y, i, boxes)
+                    high = max(high, low)
+                copy_row(values, np.uint64(source + low), pool, np.uint64(goal + low), high - low)
+                cut += row_total(values, np.uint64(source), low)
+                cut += row_total(values, np.uint64(source + high), nz - high)
+        if lost is not None:
+            lost[i] += cut
+
+
+@parallel_kernel()
+def get_boxes(cells, boxes, on_band, pool, shifts, shapes, starts, values, lost):
+    """Copy fields out of a pool into whole boxes of other shapes; the rest of these is 0.
+
+    Parameters
+    ----------
+    cells : (n,) cells
+    boxes : Boxes, as they are
+    on_band : bool, whether only the band is kept
+    pool : 1-D
+    shifts, shapes : (n, 3) origins of the new boxes minus those of the old, and their shapes
+    starts, values : (n,) first indices of the new boxes in a 1-D array, overwritten there
+    lost : (N,), updated with Σ of what is left outside, or None
+    """
+    for k in prange(cells.shape[0]):
+        i = cells[k]
+        nx, ny, nz = shapes[k, 0], shapes[k, 1], shapes[k, 2]
+        clear_row(values, np.uint64(starts[k]), nx * ny * nz)
+        outside = 0.0
+        for x in range(boxes.shape[i, 0]):
+            for y in range(boxes.shape[i, 1]):
+                low, high = np.int64(0), boxes.shape[i, 2]
+                if on_band:
+                    low, high = row_span(x, y, i, boxes)
+                source = row_place(x, y, i, boxes)
+                u, v = x - shifts[k, 0], y - shifts[k, 1]
+                z0, z1 = min(max(low, shifts[k, 2]), high), min(high, shifts[k, 2] + nz)
+                if not (0 <= u < nx and 0 <= v < ny and z0 < z1):
+                    z0, z1 = low, low
+                goal = starts[k] + (u * ny + v) * nz + z0 - shifts[k, 2]
+                copy_row(pool, np.uint64(source + z0), values, np.uint64(goal), z1 - z0)
+                outside += row_total(pool, np.uint64(source + low), z0 - low)
+                outside += row_total(pool, np.uint64(source + z1), max(high - z1, 0))
+        if lost is not None:
+            lost[i] += outside
+
+
+@parallel_kernel()
+def survey_bands(cells, boxes, phi, limits, surveys):
+    """Survey fields whose bands alone are kept."""
+    for k in prange(cells.shape[0]):
+        i = cells[k]
+        count = stretch_length(i, boxes, False)
+        spans = np.empty((N_SPANS, n_listed(boxes.shape[i, 0], boxes.shape[i, 1])), np.int16)
+        survey_stretch(phi, boxes.start[i], count, limits, surveys[i])
+        survey_rows(i, boxes, phi, boxes.start[i], limits, spans, surveys[i])
+        surveys[i, WANTED] = count
+
+
+@parallel_kernel()
+def stretch_totals(cells, boxes, on_band, values, totals):
+    """Σ over the stretches of cells in a pool, into `totals` (N,)."""
+    for k in prange(cells.shape[0]):
+        i = cells[k]
+        count, total = stretch_length(i, boxes, not on_band), 0.0
+        for at in range(0, count, PART):
+            total += row_total(values, np.uint64(boxes.start[i] + at), min(PART, count - at))
+        totals[i] = total
+
+
+@parallel_kernel()
+def extents(cells, boxes, on_band, phi, tolerance, out):
+    """Bounding box of |φ| > tolerance of each cell, out (len(cells), 3, 2): [low, high)."""
+    for k in prange(cells.shape[0]):
+        i = cells[k]
+        nz = boxes.shape[i, 2]
+        for axis in range(3):
+            out[k, axis, 0] = boxes.shape[i, axis]
+            out[k, axis, 1] = 0
+        for x in range(boxes.shape[i, 0]):
+            for y in range(boxes.shape[i, 1]):
+                low, high = np.int64(0), nz
+                if on_band:
+                    low, high = row_span(x, y, i, boxes)
+                first = row_place(x, y, i, boxes) + low
+                z0, z1 = box_span(phi, first, max(high - low, 0), tolerance)
+                if z0 < z1:
+                    include(out, k, 0, x, x + 1)
+                    include(out, k, 1, y, y + 1)
+                    include(out, k, 2, low + z0, low + z1)
 
 
 @inline_kernel()
@@ -194,31 +424,6 @@ def include(out, k, axis, low, high):
     """Widen out[k, axis] to hold [low, high)."""
     out[k, axis, 0] = min(out[k, axis, 0], low)
     out[k, axis, 1] = max(out[k, axis, 1], high)
-
-
-@kernel()
-def move_box(source, source_start, old_shape, target, target_start, new_shape, shift):
-    """Copy a box into another of other shape, moved by `shift` lattice steps; the rest is 0.
-
-    `shift` is new origin minus old origin. Returns Σ of the values that are left outside.
-    """
-    nx, ny, nz = new_shape[0], new_shape[1], new_shape[2]
-    target[target_start : target_start + nx * ny * nz] = 0
-    z0, z1 = max(0, shift[2]), min(old_shape[2], shift[2] + nz)
-    kept = max(z1 - z0, 0)
-    lost = 0.0
-    for x in range(old_shape[0]):
-        for y in range(old_shape[1]):
-            row = np.uint64(source_start + (x * old_shape[1] + y) * old_shape[2])
-            u, v = x - shift[0], y - shift[1]
-            if 0 <= u < nx and 0 <= v < ny and kept > 0:
-                goal = np.uint64(target_start + (u * ny + v) * nz + z0 - shift[2])
-                copy_row(source, row + np.uint64(z0), target, goal, kept)
-                lost += row_total(source, row, z0)
-                lost += row_total(source, row + np.uint64(z1), old_shape[2] - z1)
-            else:
-                lost += row_total(source, row, old_shape[2])
-    return lost
 
 
 @kernel()
@@ -234,41 +439,3 @@ def close_ranks(starts, goals, sizes, values):
         if goals[k] < starts[k]:
             for p in range(sizes[k]):
                 values[goals[k] + p] = values[starts[k] + p]
-
-
-@kernel()
-def box_total(i, values, boxes):
-    """Σ over the box of cell i."""
-    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
-    total = 0.0
-    for row in range(boxes.shape[i, 0] * ny):
-        total += row_total(values, np.uint64(boxes.start[i] + row * nz), nz)
-    return total
-
-
-@parallel_kernel()
-def move_boxes(
-    cells, starts, shapes, shifts, phi, history, boxes, on_band, limits, surveys, lost, totals
-):  # fmt: skip
-    """Copy fields from where boxes were to where they are now, and find their bands.
-
-    Parameters
-    ----------
-    cells : (n,) whose boxes have moved
-    starts, shapes, shifts : (n,), (n, 3), (n, 3) first index and shape of the old boxes, which no
-        new one overlaps in the pools, and new origins minus old ones
-    phi, history : 1-D pools of fields; the latter may be None
-    boxes : Boxes, of now
-    on_band, limits, surveys : see `find_band`
-    lost : (N,) updated with Σ φ that this cuts off
-    totals : (N,) overwritten with Σ of the histories of these cells, or None
-    """
-    for k in prange(cells.shape[0]):
-        i = cells[k]
-        where = boxes.start[i], boxes.shape[i], shifts[k]
-        outside = move_box(phi, starts[k], shapes[k], phi, *where)
-        if history is not None:
-            move_box(history, starts[k], shapes[k], history, *where)
-        lost[i] += outside + find_band(i, phi, history, boxes, on_band, limits, surveys)
-        if totals is not None:
-            totals[i] = box_total(i, history, boxes)

@@ -11,14 +11,18 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
-from morphosim.kernels.frames import (
-    HALO,
-    band_rows,
-    clear_row,
-    copy_row,
-    frame_index,
+from morphosim.kernels.frames import HALO, clear_row, copy_row, frame_index, strides
+from morphosim.kernels.rows import (
+    BLOCK,
+    NEW_HIGH,
+    NEW_LOW,
+    block,
+    list_spans,
+    listed,
+    n_blocks,
     reach,
-    strides,
+    row_place,
+    row_span,
 )
 from morphosim.kernels.sharing import offer, turns
 
@@ -35,8 +39,8 @@ def row_of(x, y):
 
 
 @inline_kernel()
-def add_row(phi, source, count, g, repulsion, target, potential, target_potential):
-    """Add g φ² and φ of one row."""
+def add_points(phi, source, count, g, repulsion, target, potential, target_potential):
+    """Add g φ² and φ of so many points."""
     for k in range(np.uint64(count)):
         value = phi[source + k]
         repulsion[target + k] += g * value * value
@@ -44,20 +48,35 @@ def add_row(phi, source, count, g, repulsion, target, potential, target_potentia
             potential[target_potential + k] += value
 
 
+@inline_kernel()
+def add_span(phi, source, count, g, repulsion, target, potential, target_potential):
+    """Add g φ² and φ of a span: whole blocks, and what is left."""
+    whole = np.uint64(count & ~(BLOCK - 1))
+    for at in range(np.uint64(0), whole, np.uint64(BLOCK)):
+        add_points(
+            phi, source + at, BLOCK, g, repulsion, target + at, potential, target_potential + at
+        )
+    add_points(
+        phi, source + whole, np.uint64(count) - whole, g, repulsion, target + whole, potential,
+        target_potential + whole,
+    )  # fmt: skip
+
+
 @kernel()
 def add_cell(i, corner, length, phi, boxes, g, repulsion, first, potential, potential_first):
     """Add the band of cell i to the column whose lower corner is `corner`."""
     ox, oy, oz = boxes.origin[i, 0], boxes.origin[i, 1], boxes.origin[i, 2]
-    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
     for x in range(max(corner[0], ox), min(corner[0] + WIDTH, ox + nx)):
-        y0, y1 = band_rows(x - ox, i, boxes, False)
-        for y in range(max(corner[1], oy + y0), min(corner[1] + WIDTH, oy + y1)):
-            offset = row_of(x, y) * length + oz - corner[2]
-            add_row(
-                phi, np.uint64(boxes.start[i] + ((x - ox) * ny + y - oy) * nz), nz, g,
-                repulsion, np.uint64(first + offset),
-                potential, np.uint64(potential_first + offset),
-            )  # fmt: skip
+        for y in range(max(corner[1], oy), min(corner[1] + WIDTH, oy + ny)):
+            low, high = row_span(x - ox, y - oy, i, boxes)
+            if low < high:
+                offset = row_of(x, y) * length + oz - corner[2] + low
+                add_span(
+                    phi, np.uint64(row_place(x - ox, y - oy, i, boxes) + low), high - low, g,
+                    repulsion, np.uint64(first + offset),
+                    potential, np.uint64(potential_first + offset),
+                )  # fmt: skip
 
 
 @kernel()
@@ -141,51 +160,66 @@ def accumulate(shares, lists, phi, boxes, interaction, columns):
 
 
 @inline_kernel()
-def read_repulsion(sums, first, phi, p, count, own_g, repulsion):
-    """R along a row: the column's sum less the cell's own g φ²."""
-    for k in range(np.uint64(count)):
-        repulsion[p + k] = sums[first + k] - own_g * phi[p + k] * phi[p + k]
+def read_repulsion(sums, first, phi, p, own_g, repulsion, q):
+    """R of a block: the column's sum less the cell's own g φ²."""
+    for j in range(np.uint64(BLOCK)):
+        repulsion[q + j] = sums[first + j] - own_g * phi[p + j] * phi[p + j]
 
 
 @inline_kernel()
-def read_own_potential(sums, first, phi, p, count, weight, own_weight, psi):
-    """ψ along a row by the cell's own type: σ Σ φ less the cell's own share."""
-    for k in range(np.uint64(count)):
-        psi[p + k] = weight * sums[first + k] - own_weight * phi[p + k]
+def read_own_potential(sums, first, phi, p, weight, own_weight, psi):
+    """ψ of a block by the cell's own type: σ Σ φ less the cell's own share."""
+    for j in range(np.uint64(BLOCK)):
+        psi[p + j] = weight * sums[first + j] - own_weight * phi[p + j]
 
 
 @inline_kernel()
-def add_potential(sums, first, p, count, weight, psi):
+def add_potential(sums, first, p, weight, psi):
     """Add σ Σ φ of another type, or of pairs."""
-    for k in range(np.uint64(count)):
-        psi[p + k] += weight * sums[first + k]
+    for j in range(np.uint64(BLOCK)):
+        psi[p + j] += weight * sums[first + j]
 
 
 @inline_kernel()
-def read_psi(first, length, z, row, count, own, share, pull, potential, phi, p, psi):
-    """ψ by cell types along one row of a frame, from row `row` of its column.
+def clear_block(values, p):
+    """Set a block to 0."""
+    for j in range(np.uint64(BLOCK)):
+        values[p + j] = 0
 
-    The column starts at `first` in the pools and is `length` long; the frame's row begins at its
-    z-th point. `share` is 1 if the cell itself is in the sums of this row, else 0.
+
+@inline_kernel()
+def read_psi(place, points, own, share, pull, potential, phi, p, psi):
+    """ψ by cell types of one block of a frame.
+
+    It is at `place` in the sums of the first type; each type has `points`. `share` is 1 if the cell
+    itself is in the sums of this row, else 0.
     """
     if potential is None:
-        clear_row(psi, p, count)
+        clear_block(psi, p)
     else:
-        n_types = pull.shape[0]
-        place = first * n_types + row * length + z
-        source = np.uint64(place + own * ROWS * length)
         weight = pull[own, own]
-        read_own_potential(potential, source, phi, p, count, weight, share * weight, psi)
-        for t in range(n_types):
+        source = np.uint64(place + own * points)
+        read_own_potential(potential, source, phi, p, weight, share * weight, psi)
+        for t in range(pull.shape[0]):
             weight = pull[t, own]
             if t != own and weight != 0:
-                source = np.uint64(place + t * ROWS * length)
-                add_potential(potential, source, p, count, weight, psi)
+                add_potential(potential, np.uint64(place + t * points), p, weight, psi)
+
+
+@inline_kernel()
+def span_read(x, y, i, boxes, whole, spans):
+    """Points of row (x, y) of the frame where stencils read ψ."""
+    if whole:
+        return np.int64(-HALO), boxes.shape[i, 2] + HALO
+    k = listed(x, y, boxes.shape[i, 1])
+    return np.int64(spans[NEW_LOW, k]), np.int64(spans[NEW_HIGH, k])
 
 
 @kernel()
-def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, phi, repulsion, psi):
-    """Repulsion R and attraction potential ψ felt by cell i, in its frame.
+def gather(
+    i, boxes, whole, interaction, columns, pairs_start, pair_potential, phi, repulsion, psi, spans
+):  # fmt: skip
+    """Repulsion R and attraction potential ψ felt by cell i.
 
     Parameters
     ----------
@@ -195,43 +229,55 @@ def gather(i, boxes, whole, interaction, columns, pairs_start, pair_potential, p
     pairs_start : (N,) where frames start in `pair_potential`, or None
     pair_potential : 1-D pool of `accumulate_pairs`, or None
     phi : frame of the field, 0 in the halo
-    repulsion, psi : frames, overwritten where they are read; psi is None without attraction
+    repulsion : stretch, overwritten
+    psi : frame, overwritten where stencils read; None without attraction
+    spans : (N_SPANS, rows), overwritten
     """
     ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
-    nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
     sx, sy = strides(i, boxes)
-    own, cover, g = interaction.types[i], columns.cover, interaction.g
+    own, cover, n_types = interaction.types[i], columns.cover, interaction.pull.shape[0]
     columns_y = ((oy + ny + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
     pulled = pair_potential is not None and pairs_start[i] >= 0
+    if psi is not None and not whole:
+        list_spans(i, boxes, spans)
+        reach(i, boxes, spans)
     for x in range(-HALO, nx + HALO):
-        low, high = reach(x, i, boxes, whole)
-        y0, y1 = np.int64(0), np.int64(0)
-        w0, w1 = y0, y1
-        if 0 <= x < nx:
-            y0, y1 = band_rows(x, i, boxes, False)
-            w0, w1 = band_rows(x, i, boxes, whole)
         lx = ox + HALO + x
         column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
-        for y in range(low, high):
+        for y in range(-HALO, ny + HALO):
             ly = oy + HALO + y
             k = column + (ly >> SHIFT) - (oy >> SHIFT)
-            first, length, z = cover[k, 0], cover[k, 1], cover[k, 2]
-            row, share = row_of(lx, ly), phi.dtype.type(y0 <= y < y1)
-            p = np.uint64(frame_index(x, y, -HALO, sx, sy))
-            if w0 <= y < w1:
-                if first >= 0:
-                    source = np.uint64(first + row * length + z)
-                    read_repulsion(columns.repulsion, source, phi, p, sy, share * g, repulsion)
-                else:
-                    clear_row(repulsion, p, sy)
+            first, length, row = cover[k, 0], cover[k, 1], row_of(lx, ly) * cover[k, 1]
+            z = row + cover[k, 2] + HALO
+            line, share = frame_index(x, y, 0, sx, sy), phi.dtype.type(0)
+            if 0 <= x < nx and 0 <= y < ny:
+                low, high = row_span(x, y, i, boxes)
+                share = phi.dtype.type(low < high)
+                if whole:
+                    low, high = np.int64(0), nz
+                place = row_place(x, y, i, boxes) - boxes.start[i]
+                for b in range(n_blocks(low, high)):
+                    at = block(b, low, high)
+                    if first >= 0:
+                        read_repulsion(
+                            columns.repulsion, np.uint64(first + z + at), phi, np.uint64(line + at),
+                            share * interaction.g, repulsion, np.uint64(place + at),
+                        )  # fmt: skip
+                    else:
+                        clear_block(repulsion, np.uint64(place + at))
             if psi is not None:
-                if first >= 0:
-                    read_psi(
-                        first, length, z, row, sy, own, share, interaction.pull,
-                        columns.potential, phi, p, psi,
-                    )  # fmt: skip
-                else:
-                    clear_row(psi, p, sy)
-                if pair_potential is not None and pulled:
-                    source = np.uint64(pairs_start[i]) + p
-                    add_potential(pair_potential, source, p, sy, phi.dtype.type(1), psi)
+                low, high = span_read(x, y, i, boxes, whole, spans)
+                for b in range(n_blocks(low, high)):
+                    at = block(b, low, high)
+                    p = np.uint64(line + at)
+                    if first >= 0:
+                        read_psi(
+                            first * n_types + z + at, ROWS * length, own, share, interaction.pull,
+                            columns.potential, phi, p, psi,
+                        )  # fmt: skip
+                    else:
+                        clear_block(psi, p)
+                    if pair_potential is not None and pulled:
+                        source = np.uint64(pairs_start[i]) + p
+                        add_potential(pair_potential, source, p, phi.dtype.type(1), psi)

@@ -10,6 +10,7 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
+from morphosim.kernels.rows import row_place, row_span
 from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.surfaces import corners, crossings, cubes_of, cut_cube, load_extent
 
@@ -41,33 +42,33 @@ def normal(v):
 
 
 @inline_kernel()
-def ends(u, n):
-    """Points u and u + 1 of an axis of n points, kept on it; and 1 for each that is on it, or 0."""
-    return (
-        min(max(u, 0), n - 1), min(max(u + 1, 0), n - 1),
-        np.float64(0 <= u < n), np.float64(0 <= u + 1 < n),
-    )  # fmt: skip
+def value_at(phi, place, low, high, w):
+    """φ at point w of a row; 0 beyond its span [low, high), in which there are points."""
+    value = np.float64(phi[np.uint64(place + min(max(w, low), high - 1))])
+    return value if low <= w < high else 0.0
 
 
 @inline_kernel()
-def along(phi, row, w0, w1, on0, on1, z):
-    """φ between two points of a row, and its slope."""
-    low, high = on0 * phi[np.uint64(row + w0)], on1 * phi[np.uint64(row + w1)]
-    return low + z * (high - low), high - low
+def along(j, fields, u, v, w, z):
+    """φ between two points of row (u, v) of cell j's box, and its slope; 0 beyond the field."""
+    if not (0 <= u < fields.shape[j, 0] and 0 <= v < fields.shape[j, 1]):
+        return 0.0, 0.0
+    low, high = row_span(u, v, j, fields)
+    if low >= high:
+        return 0.0, 0.0
+    place = row_place(u, v, j, fields)
+    first = value_at(fields.phi, place, low, high, w)
+    second = value_at(fields.phi, place, low, high, w + 1)
+    return first + z * (second - first), second - first
 
 
 @inline_kernel()
 def sample(j, fields, u, v, w, x, y, z):
     """φ_j and ∇φ_j, trilinear, (x, y, z) from the first corner of the cube (u, v, w) of its box."""
-    phi, ny, nz = fields.phi, fields.shape[j, 1], fields.shape[j, 2]
-    u0, u1, a0, a1 = ends(u, fields.shape[j, 0])
-    v0, v1, b0, b1 = ends(v, ny)
-    w0, w1, c0, c1 = ends(w, nz)
-    low, high = fields.start[j] + u0 * ny * nz, fields.start[j] + u1 * ny * nz
-    f00, g00 = along(phi, low + v0 * nz, w0, w1, a0 * b0 * c0, a0 * b0 * c1, z)
-    f01, g01 = along(phi, low + v1 * nz, w0, w1, a0 * b1 * c0, a0 * b1 * c1, z)
-    f10, g10 = along(phi, high + v0 * nz, w0, w1, a1 * b0 * c0, a1 * b0 * c1, z)
-    f11, g11 = along(phi, high + v1 * nz, w0, w1, a1 * b1 * c0, a1 * b1 * c1, z)
+    f00, g00 = along(j, fields, u, v, w, z)
+    f01, g01 = along(j, fields, u, v + 1, w, z)
+    f10, g10 = along(j, fields, u + 1, v, w, z)
+    f11, g11 = along(j, fields, u + 1, v + 1, w, z)
     f0, f1 = f00 + y * (f01 - f00), f10 + y * (f11 - f10)
     g0, g1 = g00 + y * (g01 - g00), g10 + y * (g11 - g10)
     slope_y = f01 - f00 + x * (f11 - f10 - f01 + f00)

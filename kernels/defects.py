@@ -12,15 +12,8 @@ from numba import prange
 
 from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.columns import SHIFT, gather, row_of
-from morphosim.kernels.frames import (
-    HALO,
-    band_rows,
-    clear,
-    frame_index,
-    load,
-    mirror,
-    strides,
-)
+from morphosim.kernels.frames import HALO, clear, frame_index, mirror, strides
+from morphosim.kernels.rows import list_blocks, load, row_place, row_span, wipe
 from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.stencils import derivative, weighted_neighbours
 
@@ -44,11 +37,11 @@ RARELY = 32
 
 
 @inline_kernel()
-def row_sums(values, first, nz):
-    """Σ φ, Σ φ z and Σ φ z z of one row."""
+def row_sums(values, first, low, count):
+    """Σ φ, Σ φ z and Σ φ z z of so many points of one row, from z = low on."""
     total = along = square = 0.0
-    for z in range(np.uint64(nz)):
-        value, place = np.float64(values[first + z]), np.float64(np.int32(z))
+    for k in range(np.uint64(count)):
+        value, place = np.float64(values[first + k]), np.float64(np.int32(k) + np.int32(low))
         total += value
         along += value * place
         square += value * place * place
@@ -58,14 +51,13 @@ def row_sums(values, first, nz):
 @kernel()
 def find_place(i, phi, boxes, spacing, out):
     """Place of cell i, out (PLACE,), µm."""
-    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
     all_, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for x in range(boxes.shape[i, 0]):
-        y0, y1 = band_rows(x, i, boxes, False)
-        for y in range(y0, y1):
-            row = np.uint64(boxes.start[i] + (x * ny + y) * nz)
-            total, along, square = row_sums(phi, row, nz)
+        for y in range(boxes.shape[i, 1]):
+            low, high = row_span(x, y, i, boxes)
+            first = np.uint64(row_place(x, y, i, boxes) + low)
+            total, along, square = row_sums(phi, first, low, max(high - low, 0))
             all_ += total
             sx, sy, sz = sx + total * x, sy + total * y, sz + along
             xx, yy, zz = xx + total * x * x, yy + total * y * y, zz + square
@@ -212,14 +204,14 @@ def gradient_force(phi, psi, p, sx, sy, weights, k, pressure, dx, dy, dz):
 
 
 @inline_kernel()
-def row_defects(first, count, phi, psi, sx, sy, weights, gamma, pressure, dx, dy, dz, out):
-    """Σ and Σ z of defects along one row of a frame, and of φ; out (4,).
+def row_defects(first, z, count, phi, psi, sx, sy, weights, gamma, pressure, dx, dy, dz, out):
+    """Σ and Σ z of defects along one row of a frame from z on, and of φ; out (4,).
 
     Rows are summed in the type of the fields, without which the loop would not be vectorised.
     """
     l0, l1, l2, l3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]
     zero, one = phi.dtype.type(0), phi.dtype.type(1)
-    total, along, mass, mass_along, place = zero, zero, zero, zero, zero
+    total, along, mass, mass_along, place = zero, zero, zero, zero, phi.dtype.type(z)
     for p in range(first, first + np.uint64(count)):
         value = phi[p]
         defect = gradient_force(phi, psi, p, sx, sy, weights, 0, pressure, dx, dy, dz)
@@ -243,10 +235,12 @@ def add_defects(i, boxes, whole, phi, psi, weights, gamma, pressure, dx, dy, dz,
     sx, sy = strides(i, boxes)
     out[:] = 0
     for x in range(boxes.shape[i, 0]):
-        y0, y1 = band_rows(x, i, boxes, whole)
-        for y in range(y0, y1):
+        for y in range(boxes.shape[i, 1]):
+            low, high = row_span(x, y, i, boxes)
+            if whole:
+                low, high = np.int64(0), boxes.shape[i, 2]
             row_defects(
-                np.uint64(frame_index(x, y, 0, sx, sy)), boxes.shape[i, 2], phi, psi,
+                np.uint64(frame_index(x, y, low, sx, sy)), low, max(high - low, 0), phi, psi,
                 np.uint64(sx), np.uint64(sy), weights, gamma, pressure, dx, dy, dz, out[8:],
             )  # fmt: skip
             for k in range(2):
@@ -266,10 +260,9 @@ def pressed_by_walls(i, boxes, columns, phi):
     columns_y = ((oy + boxes.shape[i, 1] + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
     px = py = pz = whole = 0.0
     for x in range(boxes.shape[i, 0]):
-        y0, y1 = band_rows(x, i, boxes, False)
         lx = ox + HALO + x
         column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
-        for y in range(y0, y1):
+        for y in range(boxes.shape[i, 1]):
             ly = oy + HALO + y
             k = column + (ly >> SHIFT) - (oy >> SHIFT)
             start, length = columns.cover[k, 0], columns.cover[k, 1]
@@ -277,7 +270,8 @@ def pressed_by_walls(i, boxes, columns, phi):
                 continue
             wall = start + row_of(lx, ly) * length + columns.cover[k, 2] + HALO
             first = frame_index(x, y, 0, sx, sy)
-            for z in range(boxes.shape[i, 2]):
+            low, high = row_span(x, y, i, boxes)
+            for z in range(low, high):
                 p = np.uint64(first + z)
                 weight = phi[p] * columns.background[np.uint64(wall + z)]
                 gx = phi[p + ux] - phi[p - ux]
@@ -306,19 +300,23 @@ def add_up(i, time, rate, sums, defect, drift, clock):
 @inline_kernel()
 def measure_cell(
     i, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start, pair_potential,
-    frames, weights, rate, wall_error, time, sums, defect, drift, clock, use_psi, use_walls,
+    work, weights, rate, wall_error, time, sums, defect, drift, clock, use_psi, use_walls,
 ):  # fmt: skip
     """`measure_defects` of cell i."""
-    field, felt, psi = frames[0], frames[2], choose(frames[1], use_psi)
-    clear(i, boxes, whole, field)
-    load(i, phi, boxes, whole, field)
+    frames, felt, blocks = work.frames[0], work.stretches[0, 0], work.blocks[0]
+    field, psi = frames[0], choose(frames[1], use_psi)
+    n = list_blocks(i, boxes, whole, blocks)
+    if whole:
+        clear(i, boxes, field)
+    load(phi, boxes.start[i], blocks, n, field)
     if use_psi is not None:
         if columns.felt[i]:
             gather(
-                i, boxes, whole, interaction, columns, pairs_start, pair_potential, field, felt, psi
-            )
+                i, boxes, whole, interaction, columns, pairs_start, pair_potential, field, felt,
+                psi, work.spans[0],
+            )  # fmt: skip
         else:
-            clear(i, boxes, whole, psi)
+            clear(i, boxes, psi)
     if use_walls is not None:
         clock[i, WALL] = wall_error * pressed_by_walls(i, boxes, columns, field)
     if whole:
@@ -327,13 +325,14 @@ def measure_cell(
         i, boxes, whole, field, psi, weights, gamma, pressure, entry(push, i, 0), entry(push, i, 1),
         entry(push, i, 2), sums,
     )  # fmt: skip
+    wipe(blocks, n, field)
     add_up(i, time, rate, sums, defect, drift, clock)
 
 
 @kernel()
 def measure_defects(
     order, due, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start,
-    pair_potential, frames, weights, rates, wall_errors, time, sums, defect, drift, clock, use_psi,
+    pair_potential, work, weights, rates, wall_errors, time, sums, defect, drift, clock, use_psi,
     use_walls,
 ):  # fmt: skip
     """Measure what stencils and walls do wrong, and carry on the errors in space.
@@ -350,7 +349,7 @@ def measure_defects(
     gamma, pressure : (N,); push : (N, 3) d of d·∇φ, or None; see `CellTerms`
     whole : bool, whether fields are known beyond the band
     pairs_start, pair_potential : see `columns.gather`
-    frames : (threads, frames, …) work arrays
+    work : Room
     weights : (3, 4) two first derivatives, and the difference of two second ones, of the points 0
         to 3 steps away
     rates : (N,) velocity, µm per time, that a force of 1 makes over one lattice step
@@ -364,6 +363,6 @@ def measure_defects(
         if due[i]:
             measure_cell(
                 i, phi, boxes, whole, gamma[i], pressure[i], push, interaction, columns,
-                pairs_start, pair_potential, frames[0], weights, rates[i], wall_errors[i], time,
+                pairs_start, pair_potential, work, weights, rates[i], wall_errors[i], time,
                 sums[0], defect, drift, clock, use_psi, use_walls,
             )  # fmt: skip

@@ -10,8 +10,9 @@ user's own computes at each point of φ, ∇φ and Δφ (`point_force`).
 import numpy as np
 
 from morphosim.kernels._jit import entry, inline_kernel, kernel
-from morphosim.kernels.frames import run, strides
+from morphosim.kernels.frames import strides
 from morphosim.kernels.points import force_at_point
+from morphosim.kernels.rows import BLOCK, FRAME, STRETCH
 from morphosim.kernels.stencils import derivative, weighted_neighbours
 
 
@@ -28,10 +29,12 @@ def gradient(phi, p, sx, sy, stencil):
 
 @inline_kernel()
 def force(
-    phi, gx, gy, gz, slope, psi, repulsion, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
+    phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure, dx, dy, dz,
     points, i, use_repulsion,
 ):  # fmt: skip
-    """F at point p of ∇φ and |∇φ|; `well` is 4 γ c, `half` is 1/2 in phi's type.
+    """F of ∇φ and |∇φ| at point p of the frames, q of the stretches.
+
+    `well` is 4 γ c, `half` is 1/2 in phi's type.
 
     W'(φ) = 4φ³ - 6φ² + 2φ = 4 (φ - φ²) (1/2 - φ).
     """
@@ -47,7 +50,7 @@ def force(
         total += gx * dx + gy * dy + gz * dz
     total -= well * (value - value * value) * (half - value)
     if use_repulsion is not None:
-        total -= value * repulsion[p]
+        total -= value * repulsion[q]
     if points is not None:
         around = weighted_neighbours(phi, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
         laplacian = around + (stencil.l0 + stencil.l0 + stencil.l0) * value
@@ -56,36 +59,40 @@ def force(
 
 
 @kernel()
-def plane_right_hand_side(
-    low, high, phi, psi, rhs, history, start, sx, sy, stencil, scheme, well, half,
-    pressure, dx, dy, dz, points, i, use_repulsion,
+def blocks_right_hand_side(
+    blocks, n, first, phi, psi, repulsion, history, rhs, memory, start, sx, sy, stencil, scheme,
+    well, half, pressure, dx, dy, dz, points, i, use_repulsion,
 ):  # fmt: skip
-    """`right_hand_side` along one run of the frames."""
+    """`right_hand_side` of the blocks given; the cell's history begins at `first`."""
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
-    for p in range(low, high):
-        value = phi[p]
-        gx, gy, gz = gradient(phi, p, sx, sy, stencil)
-        slope = np.sqrt(gx * gx + gy * gy + gz * gz)
-        total = force(
-            phi, gx, gy, gz, slope, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
-            points, i, use_repulsion,
-        )  # fmt: skip
-        if history is not None:
-            memory = history[p]
-            history[p] = b0 * value + b1 * total
-            rhs[p] = a0 * value + a1 * total + memory
-            if start is not None:
-                start[p] = e0 * value + e1 * (memory + total)
-        else:
-            rhs[p] = a0 * value + a1 * total
-            if start is not None:
-                start[p] = value
+    for k in range(n):
+        at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
+        kept = np.uint64(first + blocks[STRETCH, k])
+        for j in range(np.uint64(BLOCK)):
+            p, q = at + j, place + j
+            value = phi[p]
+            gx, gy, gz = gradient(phi, p, sx, sy, stencil)
+            slope = np.sqrt(gx * gx + gy * gy + gz * gz)
+            total = force(
+                phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure,
+                dx, dy, dz, points, i, use_repulsion,
+            )  # fmt: skip
+            if history is not None:
+                before = history[kept + j]
+                memory[q] = b0 * value + b1 * total
+                rhs[q] = a0 * value + a1 * total + before
+                if start is not None:
+                    start[p] = e0 * value + e1 * (before + total)
+            else:
+                rhs[q] = a0 * value + a1 * total
+                if start is not None:
+                    start[p] = value
 
 
 @kernel()
 def right_hand_side(
-    i, boxes, whole, terms, drift, phi, psi, rhs, history, start, stencil, scheme, half,
-    use_repulsion,
+    i, boxes, blocks, n, terms, drift, phi, psi, repulsion, history, rhs, memory, start,
+    stencil, scheme, half, use_repulsion,
 ):  # fmt: skip
     """Right-hand side, next history and start of the iterations of cell i.
 
@@ -93,22 +100,22 @@ def right_hand_side(
     ----------
     i : int
     boxes, terms, stencil, scheme : Boxes, CellTerms, Stencil, Scheme
-    whole : bool, work on the whole box, not only on the band
+    blocks, n : where to work
     drift : (N, 3), the same as terms.drift, or None
     phi : frame of the field
     psi : frame of the attraction potential, or None
-    rhs : frame of the repulsion R, replaced by the right-hand side
-    history : frame of H, replaced by the next; None for a scheme without memory
+    repulsion : stretch, the repulsion R
+    history : pool of H; None for a scheme without memory
+    rhs : stretch, overwritten with the right-hand side
+    memory : stretch, overwritten with the next H
     start : frame, overwritten with the start of the iterations; None without any
     half : 1/2 in the type of the fields
     use_repulsion : True, or None where nothing repels; R is then not read
     """
     sx, sy = strides(i, boxes)
     dx, dy, dz = entry(drift, i, 0), entry(drift, i, 1), entry(drift, i, 2)
-    for x in range(boxes.shape[i, 0]):
-        low, high = run(x, i, boxes, whole, sx, sy)
-        plane_right_hand_side(
-            low, high, phi, psi, rhs, history, start, np.uint64(sx), np.uint64(sy), stencil,
-            scheme, terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i,
-            use_repulsion,
-        )  # fmt: skip
+    blocks_right_hand_side(
+        blocks, n, boxes.start[i], phi, psi, repulsion, history, rhs, memory, start,
+        np.uint64(sx), np.uint64(sy), stencil, scheme, terms.well[i], half, terms.pressure[i], dx,
+        dy, dz, terms.points, i, use_repulsion,
+    )  # fmt: skip

@@ -1,11 +1,9 @@
 """Frames: padded work arrays, each a thread's copy of one cell's box with a halo around it.
 
-A frame has HALO more points at each end of each axis, so that stencils need no care at the faces
-and one plane of the narrow band is one long run: rows y0 … y1 with the halos between them. What a
-run computes in those halos is dropped. Outside of the band a frame is 0; where the whole box is
-worked on, the halo mirrors it. Rows are whole vectors long and begin on their boundaries. Frames
+A frame has HALO more points at each end of each axis, so that stencils need no care at the faces.
+It is 0 wherever no cell is at work; where the whole box is worked on, the halo mirrors it. Frames
 are flat: point (x, y, z) of the box lies at `frame_index`, its neighbours along x, y, z at
-`strides` and 1.
+`strides` and 1. What no stencil reads is kept without a frame, as the pools are; see `rows`.
 """
 
 import numpy as np
@@ -62,25 +60,6 @@ def frame_size(i, boxes):
 
 
 @inline_kernel()
-def band_rows(x, i, boxes, whole):
-    """Rows [y0, y1) of plane x to work on: those of the band, or all if `whole`."""
-    if whole:
-        return 0, boxes.shape[i, 1]
-    plane = boxes.plane_start[i] + x
-    return np.int64(boxes.band[plane, 0]), np.int64(boxes.band[plane, 1])
-
-
-@inline_kernel()
-def run(x, i, boxes, whole, sx, sy):
-    """Frame indices [low, high) of the rows to work on in plane x; (1, 0) if there are none."""
-    y0, y1 = band_rows(x, i, boxes, whole)
-    if y0 >= y1:
-        return np.uint64(1), np.uint64(0)
-    low = frame_index(x, y0, 0, sx, sy)
-    return np.uint64(low), np.uint64(low + (y1 - y0 - 1) * sy + boxes.shape[i, 2])
-
-
-@inline_kernel()
 def copy_row(source, first, target, goal, count):
     """Copy a stretch."""
     for k in range(np.uint64(count)):
@@ -94,41 +73,10 @@ def clear_row(target, goal, count):
         target[goal + k] = 0
 
 
-@inline_kernel()
-def reach(x, i, boxes, whole):
-    """Rows [y0, y1) of plane x that stencils on the band read; x and y count from the box."""
-    if whole:
-        return -HALO, boxes.shape[i, 1] + HALO
-    low, high = boxes.shape[i, 1], np.int64(0)
-    for plane in range(max(x - HALO, 0), min(x + HALO + 1, boxes.shape[i, 0])):
-        y0, y1 = band_rows(plane, i, boxes, whole)
-        if y0 < y1:
-            low, high = min(low, y0), max(high, y1)
-    if low >= high:
-        return np.int64(0), np.int64(0)
-    return low - HALO, high + HALO
-
-
 @kernel()
-def clear(i, boxes, whole, frame):
-    """Set cell i's frame to 0 wherever stencils on the band read."""
-    sx, sy = strides(i, boxes)
-    for x in range(-HALO, boxes.shape[i, 0] + HALO):
-        low, high = reach(x, i, boxes, whole)
-        clear_row(frame, np.uint64(frame_index(x, low, -HALO, sx, sy)), (high - low) * sy)
-
-
-@kernel()
-def load(i, pool, boxes, whole, frame):
-    """Fill the band of cell i's frame from its box in a pool, and the halos between with 0."""
-    sx, sy = strides(i, boxes)
-    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
-    for x in range(boxes.shape[i, 0]):
-        y0, y1 = band_rows(x, i, boxes, whole)
-        for y in range(y0, y1):
-            goal = np.uint64(frame_index(x, y, 0, sx, sy))
-            copy_row(pool, np.uint64(boxes.start[i] + (x * ny + y) * nz), frame, goal, nz)
-            clear_row(frame, goal + np.uint64(nz), sy - nz)
+def clear(i, boxes, frame):
+    """Set the whole of cell i's frame to 0."""
+    clear_row(frame, np.uint64(0), frame_size(i, boxes))
 
 
 @inline_kernel()
@@ -156,16 +104,3 @@ def mirror(i, boxes, frame):
                 source = frame_index(mirrored(x, nx), mirrored(y, ny), -HALO, sx, sy)
                 goal = frame_index(x, y, -HALO, sx, sy)
                 copy_row(frame, np.uint64(source), frame, np.uint64(goal), nz + 2 * HALO)
-
-
-@kernel()
-def unload(i, frame, boxes, values):
-    """Copy the box out of a frame into `values`, box of the cell."""
-    sx, sy = strides(i, boxes)
-    ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
-    for x in range(boxes.shape[i, 0]):
-        for y in range(ny):
-            copy_row(
-                frame, np.uint64(frame_index(x, y, 0, sx, sy)),
-                values, np.uint64((x * ny + y) * nz), nz,
-            )  # fmt: skip

@@ -10,18 +10,39 @@ import numpy as np
 
 
 class Boxes(NamedTuple):
-    """Where each cell's box lies, on the lattice and in the pools."""
+    """Where each cell's box lies on the lattice, and its values in the pools; see `rows`."""
 
     origin: np.ndarray
     """(N, 3) int64, lattice position of the first point."""
     shape: np.ndarray
     """(N, 3) int64, points per axis; z runs fastest."""
     start: np.ndarray
-    """(N,) int64, first index in the pools of fields."""
-    plane_start: np.ndarray
-    """(N,) int64, first index in `band`."""
-    band: np.ndarray
-    """(planes, 2) int32, the band's rows [y0, y1) of each plane x; y0 >= y1 where it is empty."""
+    """(N,) int64, first index in the pools of fields: where the cell's stretch begins."""
+    row_start: np.ndarray
+    """(N,) int64, number of its first row; row (x, y) has ny x + y more."""
+    low: np.ndarray
+    """(rows,) int16, first point of each row in the band."""
+    high: np.ndarray
+    """(rows,) int16, and the last but one; no more than `low` if there is none."""
+    place: np.ndarray
+    """(rows,) int32, where point z = 0 of the row is, or would be, from `start` on."""
+
+
+class Room(NamedTuple):
+    """Work arrays of each thread, for the largest box; all overwritten."""
+
+    frames: np.ndarray
+    """(threads, frames, points) of `frames`; 0 where no cell is at work."""
+    stretches: np.ndarray
+    """(threads, stretches, points), in the order of the pools."""
+    blocks: np.ndarray
+    """(threads, 2, blocks) int32; see `rows.list_blocks`."""
+    spans: np.ndarray
+    """(threads, N_SPANS, rows) int16; see `rows`."""
+    found: np.ndarray
+    """(threads, planes, 2) int32; see `boxes.survey`."""
+    measured: np.ndarray
+    """(threads, N_SURVEYED) float64."""
 
 
 class Shares(NamedTuple):

@@ -19,153 +19,181 @@ with another δt, for which φ* is laid elsewhere on the same line (`stretch`).
 import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel, times
-from morphosim.kernels.boxes import BAD, GUARD, TOTAL, row_total, survey, widen
+from morphosim.kernels._jit import choose, entry, kernel, parallel_kernel, times
+from morphosim.kernels.boxes import (
+    BAD,
+    PART,
+    TOTAL,
+    relay,
+    row_total,
+    stretch_length,
+)
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import force, gradient
-from morphosim.kernels.frames import (
-    band_rows,
-    clear,
-    clear_row,
-    copy_row,
-    frame_index,
+from morphosim.kernels.frames import copy_row, strides
+from morphosim.kernels.rows import (
+    BLOCK,
+    FRAME,
+    NEW_HIGH,
+    NEW_LOW,
+    STRETCH,
+    list_blocks,
+    listed,
     load,
-    run,
-    strides,
+    row_number,
+    settle_rows,
+    wipe,
 )
 from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.stencils import weighted_neighbours
+from morphosim.kernels.step import find_new_band
 
-PHI, PSI, RHS, LAST, U, DAMPING = 0, 1, 2, 3, 4, 5
-"""A thread's frames. When ψ has been read, its frame serves the iterations."""
-MISSED, MOVED, SLOPE, N_CHANGES = 0, 1, 2, 3
+PHI, PSI, U, V = 0, 1, 2, 3
+"""A thread's frames; the iterations go from one of the last two to the other."""
+R, RHS, SLOPE, DAMPING, RESULT = 0, 1, 2, 3, 4
+"""A thread's stretches; R serves for the right-hand side when it has been read."""
+MISSED, MOVED, SQUARE, N_CHANGES = 0, 1, 2, 3
 """What a tried step tells of each cell: Σ u², Σ (φⁿ⁺¹ - φⁿ)² and Σ |∇φ*|²."""
 
 
 @kernel()
-def plane_residual(
-    low, high, phi, psi, rhs, last, slopes, damping, sx, sy, stencil, rate, well, half,
-    pressure, dx, dy, dz, points, i, use_repulsion,
+def blocks_residual(
+    blocks, n, first, phi, psi, repulsion, last, rhs, slopes, damping, sx, sy, stencil, rate, well,
+    half, pressure, dx, dy, dz, points, i, use_repulsion,
 ):  # fmt: skip
-    """F - τ/δt (φ* - φⁿ), |∇φ*| and D along one run of the frames, and sums of them."""
-    zero = half - half
+    """F - τ/δt (φ* - φⁿ), |∇φ*| and D of the blocks given; the cell begins at `first` in `last`."""
     three = half + half + half + half + half + half
-    sum_residual, sum_slope, sum_damped, sum_square = zero, zero, zero, zero
-    for p in range(low, high):
-        value = phi[p]
-        gx, gy, gz = gradient(phi, p, sx, sy, stencil)
-        square = gx * gx + gy * gy + gz * gz
-        slope = np.sqrt(square)
-        total = force(
-            phi, gx, gy, gz, slope, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
-            points, i, use_repulsion,
-        )  # fmt: skip
-        local = well * (half - three * (value - value * value))
-        if use_repulsion is not None:
-            local += rhs[p]
-        total -= rate * (value - last[p])
-        sum_residual += total
-        sum_slope += slope
-        sum_square += square
-        sum_damped += local * slope
-        damping[p] = local
-        slopes[p] = slope
-        rhs[p] = total
-    return sum_residual, sum_slope, sum_damped, sum_square
+    for k in range(n):
+        at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
+        before = np.uint64(first + blocks[STRETCH, k])
+        for j in range(np.uint64(BLOCK)):
+            p, q = at + j, place + j
+            value = phi[p]
+            gx, gy, gz = gradient(phi, p, sx, sy, stencil)
+            slope = np.sqrt(gx * gx + gy * gy + gz * gz)
+            total = force(
+                phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure,
+                dx, dy, dz, points, i, use_repulsion,
+            )  # fmt: skip
+            local = well * (half - three * (value - value * value))
+            if use_repulsion is not None:
+                local += repulsion[q]
+            rhs[q] = total - rate * (value - last[before + j])
+            slopes[q] = slope
+            damping[q] = local
 
 
 @kernel()
-def add_diffusion(low, high, phi, rhs, sx, sy, l0, l1, l2, l3):
-    """Add γΔφ along one run of the frames; γ is in the weights, and 3 in `l0`."""
-    sz = np.uint64(1)
-    for p in range(low, high):
-        rhs[p] += l0 * phi[p] + weighted_neighbours(phi, p, sx, sy, sz, l1, l2, l3)
-
-
-@kernel()
-def residual(i, boxes, terms, frames, psi, stencil, rate, half, sums, use_repulsion):
-    """Right-hand side but for q, |∇φ*| and D of cell i, into frames RHS, U and DAMPING.
-
-    The frame RHS has R. The first four of `sums` are overwritten with Σ (F - τ/δt (φ* - φⁿ)),
-    Σ |∇φ*|, Σ D |∇φ*| and Σ |∇φ*|².
-    """
-    sx, sy = strides(i, boxes)
-    drift, gamma = terms.drift, terms.gamma[i]
-    dx, dy, dz = entry(drift, i, 0), entry(drift, i, 1), entry(drift, i, 2)
-    l0, l1 = (gamma + gamma + gamma) * stencil.l0, gamma * stencil.l1
-    l2, l3 = times(gamma, stencil.l2), times(gamma, stencil.l3)
+def sums_of(count, rhs, slopes, damping, sums):
+    """Σ of the right-hand side, of |∇φ*|, of D |∇φ*| and of |∇φ*|²: the first four of `sums`."""
     sums[:4] = 0.0
-    for x in range(boxes.shape[i, 0]):
-        low, high = run(x, i, boxes, False, sx, sy)
-        a, b, c, d = plane_residual(
-            low, high, frames[PHI], psi, frames[RHS], frames[LAST], frames[U], frames[DAMPING],
-            np.uint64(sx), np.uint64(sy), stencil, rate, terms.well[i], half,
-            terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
-        )  # fmt: skip
+    zero = rhs.dtype.type(0)
+    for at in range(0, count, PART):
+        a, b, c, d = zero, zero, zero, zero
+        for q in range(np.uint64(at), np.uint64(min(at + PART, count))):
+            slope = slopes[q]
+            a += rhs[q]
+            b += slope
+            c += damping[q] * slope
+            d += slope * slope
         sums[0] += a
         sums[1] += b
         sums[2] += c
         sums[3] += d
-        add_diffusion(
-            low, high, frames[PHI], frames[RHS], np.uint64(sx), np.uint64(sy), l0, l1, l2, l3
-        )
 
 
 @kernel()
-def begin_plane(low, high, rhs, u, q, weight):
-    """Take off q |∇φ*|, and make the first iteration, along one run of the frames."""
-    for p in range(low, high):
-        rhs[p] -= q * u[p]
-        u[p] = weight * rhs[p]
+def residual(
+    i, boxes, terms, blocks, n, frames, psi, stretches, phi, stencil, rate, half, sums,
+    use_repulsion,
+):  # fmt: skip
+    """Right-hand side but for γΔφ* and q, |∇φ*| and D of cell i, and their `sums_of`."""
+    sx, sy = strides(i, boxes)
+    dx, dy, dz = entry(terms.drift, i, 0), entry(terms.drift, i, 1), entry(terms.drift, i, 2)
+    blocks_residual(
+        blocks, n, boxes.start[i], frames[PHI], psi, stretches[R], phi, stretches[RHS],
+        stretches[SLOPE], stretches[DAMPING], np.uint64(sx), np.uint64(sy), stencil, rate,
+        terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
+    )  # fmt: skip
+    sums_of(
+        stretch_length(i, boxes, False), stretches[RHS], stretches[SLOPE], stretches[DAMPING], sums
+    )
 
 
 @kernel()
-def iterate_plane(low, high, u, target, rhs, damping, sx, sy, own, diffusion, weight, stencil):
-    """One iteration along one run; `own` is 1 - ω (lhs - 3 (γ + s) l0), `diffusion` ω (γ + s)."""
+def begin_blocks(blocks, n, phi, rhs, slopes, whole, u, sx, sy, l0, l1, l2, l3, q, weight):
+    """Add γΔφ* and take off q |∇φ*|, into `whole`, and make the first iteration.
+
+    γ is in the weights, and 3 in `l0`.
+    """
     sz = np.uint64(1)
-    for p in range(low, high):
-        around = weighted_neighbours(u, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
-        target[p] = weight * rhs[p] + (own - weight * damping[p]) * u[p] + diffusion * around
+    for k in range(n):
+        at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
+        for j in range(np.uint64(BLOCK)):
+            around = weighted_neighbours(phi, at + j, sx, sy, sz, l1, l2, l3)
+            total = rhs[place + j] + l0 * phi[at + j] + around - q * slopes[place + j]
+            whole[place + j] = total
+            u[at + j] = weight * total
 
 
 @kernel()
-def solve(i, boxes, terms, frames, stencil, lhs, spread, q, one):
+def iterate_blocks(
+    blocks, n, u, target, rhs, damping, sx, sy, own, diffusion, weight, stencil
+):  # fmt: skip
+    """One iteration; `own` is 1 - ω (lhs - 3 (γ + s) l0), `diffusion` ω (γ + s)."""
+    sz = np.uint64(1)
+    for k in range(n):
+        at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
+        for j in range(np.uint64(BLOCK)):
+            p, r = at + j, place + j
+            around = weighted_neighbours(u, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
+            target[p] = weight * rhs[r] + (own - weight * damping[r]) * u[p] + diffusion * around
+
+
+@kernel()
+def solve(i, boxes, terms, blocks, n, frames, stretches, stencil, inner, lhs, spread, q, one):
     """U of cell i by Chebyshev iterations; return the frame that holds it."""
     sx, sy = strides(i, boxes)
-    for x in range(boxes.shape[i, 0]):
-        low, high = run(x, i, boxes, False, sx, sy)
-        begin_plane(low, high, frames[RHS], frames[U], q, terms.weights[i, 0])
-    clear(i, boxes, False, frames[PSI])
+    ux, uy, gamma = np.uint64(sx), np.uint64(sy), terms.gamma[i]
+    begin_blocks(
+        blocks, n, frames[PHI], stretches[RHS], stretches[SLOPE], stretches[R], frames[U], ux, uy,
+        (gamma + gamma + gamma) * stencil.l0, gamma * stencil.l1, times(gamma, stencil.l2),
+        times(gamma, stencil.l3), q, terms.weights[i, 0],
+    )  # fmt: skip
     source = U
     for s in range(1, terms.n_iterations[i]):
         weight = terms.weights[i, s]
-        diffusion = weight * (terms.gamma[i] + spread)
-        own = one - weight * lhs + (diffusion + diffusion + diffusion) * stencil.l0
-        for x in range(boxes.shape[i, 0]):
-            low, high = run(x, i, boxes, False, sx, sy)
-            iterate_plane(
-                low, high, frames[source], frames[U + PSI - source], frames[RHS], frames[DAMPING],
-                np.uint64(sx), np.uint64(sy), own, diffusion, weight, stencil,
-            )  # fmt: skip
-        source = U + PSI - source
+        diffusion = weight * (gamma + spread)
+        own = one - weight * lhs + (diffusion + diffusion + diffusion) * inner.l0
+        iterate_blocks(
+            blocks, n, frames[source], frames[U + V - source], stretches[R], stretches[DAMPING], ux,
+            uy, own, diffusion, weight, inner,
+        )  # fmt: skip
+        source = U + V - source
     return source
 
 
 @kernel()
-def add_prediction(i, boxes, frame, phi, last):
-    """Add φ* to u, given in `frame`, on the band of cell i; return Σ u² and Σ (φⁿ⁺¹ - φⁿ)²."""
-    sx, sy = strides(i, boxes)
+def add_prediction(blocks, n, frame, phi, result, u):
+    """Add φ* to u, given in `frame`, and copy u: both into stretches."""
+    for k in range(n):
+        at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
+        for j in range(np.uint64(BLOCK)):
+            value = frame[at + j]
+            result[place + j] = phi[at + j] + value
+            u[place + j] = value
+
+
+@kernel()
+def changes_of(count, first, result, u, last):
+    """Σ u² and Σ (φⁿ⁺¹ - φⁿ)² of a cell whose field begins at `first` in `last`."""
     missed = moved = 0.0
-    zero = frame.dtype.type(0)
-    for x in range(boxes.shape[i, 0]):
-        low, high = run(x, i, boxes, False, sx, sy)
+    zero = result.dtype.type(0)
+    for at in range(0, count, PART):
         sum_missed, sum_moved = zero, zero
-        for p in range(low, high):
-            u = frame[p]
-            value = phi[p] + u
-            change = value - last[p]
-            frame[p] = value
-            sum_missed += u * u
+        for r in range(np.uint64(at), np.uint64(min(at + PART, count))):
+            change = result[r] - last[np.uint64(first) + r]
+            sum_missed += u[r] * u[r]
             sum_moved += change * change
         missed += sum_missed
         moved += sum_moved
@@ -173,34 +201,30 @@ def add_prediction(i, boxes, frame, phi, last):
 
 
 @kernel()
-def keep(i, frame, boxes, limits, found, new, rows, survey_of):
-    """Survey the new field of cell i, given on its band, and keep field, survey and band."""
-    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
-    sx, sy = strides(i, boxes)
-    plane = boxes.plane_start[i]
-    survey(
-        frame, frame_index(0, 0, 0, sx, sy), sx, sy, nx, ny, nz,
-        boxes.band[plane : plane + nx], False, limits, found, survey_of,
-    )  # fmt: skip
-    widen(found, GUARD, nx, ny)
-    rows[plane : plane + nx] = found[:nx]
-    for x in range(nx):
-        y0, y1 = band_rows(x, i, boxes, False)
-        for y in range(y0, y1):
-            goal = np.uint64(boxes.start[i] + (x * ny + y) * nz)
-            copy_row(frame, np.uint64(frame_index(x, y, 0, sx, sy)), new, goal, nz)
+def keep(i, values, boxes, room, limits, new, low, high, spans, found):
+    """Survey the new field of cell i, given as its stretch, and keep field, survey and band.
+
+    The band goes into lists `low` and `high` as those of `Boxes`.
+    """
+    find_new_band(i, values, boxes, room, limits, spans, found)
+    count, ny = stretch_length(i, boxes, False), boxes.shape[i, 1]
+    copy_row(values, np.uint64(0), new, np.uint64(boxes.start[i]), count)
+    if found[BAD] > 0:
+        return
+    for x in range(boxes.shape[i, 0]):
+        row, source = row_number(x, 0, i, boxes), listed(x, 0, ny)
+        for y in range(ny):
+            low[row + y], high[row + y] = spans[NEW_LOW, source + y], spans[NEW_HIGH, source + y]
 
 
 @kernel(overlapping=True)
 def try_step(
-    i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential, frames, sums,
-    stencil, inner, linear, half, changes, use_repulsion, use_psi,
+    i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential, frames,
+    stretches, blocks, spans, sums, stencil, inner, linear, half, changes, use_repulsion, use_psi,
 ):  # fmt: skip
-    """Solve for the new field of cell i; return the frame that holds it on the band."""
-    clear(i, boxes, False, frames[PHI])
-    load(i, ahead, boxes, False, frames[PHI])
-    load(i, phi, boxes, False, frames[LAST])
-    clear(i, boxes, False, frames[U])
+    """Solve for the new field of cell i, into the stretch `RESULT`."""
+    n = list_blocks(i, boxes, False, blocks)
+    load(ahead, boxes.start[i], blocks, n, frames[PHI])
     felt = False
     if use_repulsion is not None:
         felt = columns.felt[i]
@@ -208,27 +232,39 @@ def try_step(
             psi = choose(frames[PSI], use_psi)
             gather(
                 i, boxes, False, interaction, columns, pairs_start, pair_potential, frames[PHI],
-                frames[RHS], psi,
+                stretches[R], psi, spans,
             )  # fmt: skip
-            residual(i, boxes, terms, frames, psi, stencil, linear.rate, half, sums, True)
+            residual(
+                i, boxes, terms, blocks, n, frames, psi, stretches, phi, stencil, linear.rate, half,
+                sums, True,
+            )  # fmt: skip
     if not felt:
-        residual(i, boxes, terms, frames, None, stencil, linear.rate, half, sums, None)
+        residual(
+            i, boxes, terms, blocks, n, frames, None, stretches, phi, stencil, linear.rate, half,
+            sums, None,
+        )  # fmt: skip
     stiff, slope = linear.stiffness[i], sums[1]
     implicit = linear.lhs[i] * slope + sums[2] + stiff * slope * slope
     q = frames.dtype.type(stiff * sums[0] * slope / implicit if implicit > 0 else 0.0)
-    result = solve(i, boxes, terms, frames, inner, linear.lhs[i], linear.spread, q, half + half)
-    changes[i, SLOPE] = sums[3]
-    changes[i, MISSED], changes[i, MOVED] = add_prediction(
-        i, boxes, frames[result], frames[PHI], frames[LAST]
+    source = solve(
+        i, boxes, terms, blocks, n, frames, stretches, stencil, inner, linear.lhs[i], linear.spread,
+        q, half + half,
+    )  # fmt: skip
+    changes[i, SQUARE] = sums[3]
+    add_prediction(blocks, n, frames[source], frames[PHI], stretches[RESULT], stretches[SLOPE])
+    changes[i, MISSED], changes[i, MOVED] = changes_of(
+        stretch_length(i, boxes, False), boxes.start[i], stretches[RESULT], stretches[SLOPE], phi
     )
-    return result
+    wipe(blocks, n, frames[PHI])
+    wipe(blocks, n, frames[U])
+    wipe(blocks, n, frames[V])
 
 
 @parallel_kernel(overlapping=True)
 def try_steps(
     shares, order, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
-    work, found, measured, stencil, inner, linear, limits, new, rows, surveys, changes,
-    use_repulsion, use_psi,
+    work, room, stencil, inner, linear, limits, new, low, high, surveys, changes, use_repulsion,
+    use_psi,
 ):  # fmt: skip
     """Solve for the new field of every cell of `order`.
 
@@ -238,85 +274,98 @@ def try_steps(
     inner : Stencil, of the iterations
     linear : Linearisation
     new : 1-D pool, overwritten with φⁿ⁺¹ on the bands; it may be `ahead`
-    rows : (planes, 2) int32, overwritten with the new bands
+    low, high : (rows,) int16, overwritten with the new bands
     surveys : (N, N_SURVEYED), overwritten
     changes : (N, N_CHANGES) float64, overwritten
     """
     offer(shares)
     for worker in prange(shares.threads):
-        frames = work[worker]
+        frames, stretches = work.frames[worker], work.stretches[worker]
+        blocks, spans = work.blocks[worker], work.spans[worker]
         for k in turns(shares):
             i = order[k]
-            result = try_step(
+            try_step(
                 i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential,
-                frames, measured[worker], stencil, inner, linear, limits.half, changes,
-                use_repulsion, use_psi,
+                frames, stretches, blocks, spans, work.measured[worker], stencil, inner, linear,
+                limits.half, changes, use_repulsion, use_psi,
             )  # fmt: skip
-            keep(i, frames[result], boxes, limits, found[worker], new, rows, surveys[i])
-
-
-@inline_kernel(overlapping=True)
-def advance_row(new, phi, ahead, first, count, growth):
-    """φⁿ⁺¹ into `phi`, and its extrapolation into `ahead`, along one row; return its sum."""
-    total = 0.0
-    for k in range(first, first + np.uint64(count)):
-        value = new[k]
-        extrapolated = value + growth * (value - phi[k])
-        phi[k] = value
-        ahead[k] = extrapolated
-        total += extrapolated
-    return total
+            keep(i, stretches[RESULT], boxes, room[i], limits, new, low, high, spans, surveys[i])
 
 
 @kernel(overlapping=True)
-def take_step(i, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals):
+def advance(new, phi, first, count, growth, values, extrapolated):
+    """φⁿ⁺¹ and its extrapolation as stretches, of pools in which the cell begins at `first`."""
+    for k in range(np.uint64(count)):
+        value = new[np.uint64(first) + k]
+        values[k] = value
+        extrapolated[k] = value + growth * (value - phi[np.uint64(first) + k])
+
+
+@kernel()
+def list_new_spans(i, boxes, low, high, spans):
+    """Write a band from lists `low` and `high` as those of `Boxes` into NEW_LOW and NEW_HIGH."""
+    ny = boxes.shape[i, 1]
+    for x in range(boxes.shape[i, 0]):
+        row, goal = row_number(x, 0, i, boxes), listed(x, 0, ny)
+        for y in range(ny):
+            spans[NEW_LOW, goal + y], spans[NEW_HIGH, goal + y] = low[row + y], high[row + y]
+
+
+@kernel(overlapping=True)
+def take_step(
+    i, new, phi, ahead, growth, boxes, low, high, found, surveys, lost, totals, stretches, spans
+):  # fmt: skip
     """Take the step that was tried for cell i."""
     if found[BAD] > 0:
         surveys[i, BAD] = found[BAD]
         return
-    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
-    total = dropped = 0.0
-    for x in range(nx):
-        plane = boxes.plane_start[i] + x
-        y0, y1 = boxes.band[plane, 0], boxes.band[plane, 1]
-        for y in range(y0, y1):
-            first = np.uint64(boxes.start[i] + (x * ny + y) * nz)
-            if rows[plane, 0] <= y < rows[plane, 1]:
-                total += advance_row(new, phi, ahead, first, nz, growth)
-            else:
-                dropped += row_total(new, first, nz)
-                clear_row(phi, first, nz)
-                clear_row(ahead, first, nz)
-        boxes.band[plane] = rows[plane]
+    count, first = stretch_length(i, boxes, False), boxes.start[i]
+    advance(new, phi, first, count, growth, stretches[R], stretches[RHS])
+    list_new_spans(i, boxes, low, high, spans)
+    dropped = relay(i, boxes, spans, stretches[R], phi)
+    relay(i, boxes, spans, stretches[RHS], ahead)
+    settle_rows(i, boxes, spans)
     surveys[i] = found
     surveys[i, TOTAL] -= dropped
     lost[i] += dropped
-    totals[i] = total
+    totals[i] = stretch_total(i, boxes, ahead)
+
+
+@kernel()
+def stretch_total(i, boxes, values):
+    """Σ over cell i's stretch in a pool."""
+    count, total = stretch_length(i, boxes, False), 0.0
+    for at in range(0, count, PART):
+        total += row_total(values, np.uint64(boxes.start[i] + at), min(PART, count - at))
+    return total
 
 
 @parallel_kernel(overlapping=True)
 def take_steps(
-    shares, order, new, phi, ahead, growth, boxes, rows, found, surveys, lost, totals
+    shares, order, new, phi, ahead, growth, boxes, low, high, found, surveys, lost, totals, work
 ):  # fmt: skip
     """Take the steps that were tried, and extrapolate to the next.
 
-    Rows that leave the band are set to 0; what was there is counted in `lost`. A cell whose new
-    field is not finite, or runs away, keeps its old field.
+    What leaves the band is counted in `lost`. A cell whose new field is not finite, or runs away,
+    keeps its old field.
 
     Parameters
     ----------
-    shares, order, boxes : as for `try_steps`
-    new, rows, found : what that has written: fields, bands and surveys
+    shares, order, boxes, work : as for `try_steps`
+    new, low, high, found : what that has written: fields, bands and surveys
     phi, ahead : 1-D pools of φⁿ and φ*, updated
     growth : r of the next step
     surveys, lost : (N, N_SURVEYED) and (N,) float64, updated
     totals : (N,) float64, overwritten with Σ φ*
     """
     offer(shares)
-    for _ in prange(shares.threads):
+    for worker in prange(shares.threads):
         for k in turns(shares):
             i = order[k]
-            take_step(i, new, phi, ahead, growth, boxes, rows, found[i], surveys, lost, totals)
+            take_step(
+                i, new, phi, ahead, growth, boxes, low, high, found[i], surveys, lost, totals,
+                work.stretches[worker], work.spans[worker],
+            )  # fmt: skip
 
 
 @parallel_kernel()
@@ -329,14 +378,7 @@ def stretch(shares, order, phi, ahead, share, boxes, totals):
     for _ in prange(shares.threads):
         for k in turns(shares):
             i = order[k]
-            ny, nz = boxes.shape[i, 1], boxes.shape[i, 2]
-            total = 0.0
-            for x in range(boxes.shape[i, 0]):
-                y0, y1 = band_rows(x, i, boxes, False)
-                for y in range(y0, y1):
-                    first = np.uint64(boxes.start[i] + (x * ny + y) * nz)
-                    for p in range(first, first + np.uint64(nz)):
-                        value = phi[p] + share * (ahead[p] - phi[p])
-                        ahead[p] = value
-                        total += value
-            totals[i] = total
+            first = np.uint64(boxes.start[i])
+            for p in range(first, first + np.uint64(stretch_length(i, boxes, False))):
+                ahead[p] = phi[p] + share * (ahead[p] - phi[p])
+            totals[i] = stretch_total(i, boxes, ahead)

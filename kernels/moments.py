@@ -6,7 +6,8 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
-from morphosim.kernels.boxes import include, row_peak, row_span
+from morphosim.kernels.boxes import box_span, include, row_peak
+from morphosim.kernels.rows import row_place, row_span
 from morphosim.kernels.sharing import offer, turns
 
 N_MOMENTS = 14
@@ -15,7 +16,7 @@ N_MOMENTS = 14
 
 
 class Fields(NamedTuple):
-    """The fields of all cells, and what part of its box each fills."""
+    """The fields of all cells, laid out as `layout.Boxes` says, and what of its box each fills."""
 
     phi: np.ndarray
     """1-D pool."""
@@ -25,18 +26,26 @@ class Fields(NamedTuple):
     """(N, 3) int64, points per axis; z runs fastest."""
     start: np.ndarray
     """(N,) int64, first index in the pool."""
+    row_start: np.ndarray
+    """(N,) int64, number of its first row."""
+    low: np.ndarray
+    """(rows,) int16, first point of each row that is held; beyond these φ is 0."""
+    high: np.ndarray
+    """(rows,) int16, and the last but one."""
+    place: np.ndarray
+    """(rows,) int32, where point z = 0 of the row is, or would be, from `start` on."""
     extent: np.ndarray
     """(N, 3, 2) int64, points [low, high) of the box beyond which φ is below a level; low > high
     where it is so everywhere."""
 
 
 @inline_kernel()
-def row_moments(values, first, nz):
-    """Σ φ and Σ φ z of one row, and Σ w, Σ w z and Σ w zz of its inside."""
+def row_moments(values, first, low, count):
+    """Σ φ and Σ φ z of so many points from z = low on, and Σ w, Σ w z and Σ w zz of the inside."""
     total = along = inside = inside_along = inside_square = 0.0
-    for z in range(np.uint64(nz)):
+    for k in range(np.uint64(count)):
         # Integers of 64 bits become floats one by one on most processors.
-        value, place = np.float64(values[first + z]), np.float64(np.int32(z))
+        value, place = np.float64(values[first + k]), np.float64(np.int32(k) + np.int32(low))
         weight = min(max(4.0 * value - 1.5, 0.0), 1.0)
         total += value
         along += value * place
@@ -49,12 +58,14 @@ def row_moments(values, first, nz):
 @kernel()
 def box_moments(i, fields, out):
     """Moments of cell i, out (N_MOMENTS,)."""
-    nx, ny, nz = fields.shape[i, 0], fields.shape[i, 1], fields.shape[i, 2]
     out[:] = 0
-    for x in range(nx):
-        for y in range(ny):
-            row = np.uint64(fields.start[i] + (x * ny + y) * nz)
-            total, along, inside, inside_along, inside_square = row_moments(fields.phi, row, nz)
+    for x in range(fields.shape[i, 0]):
+        for y in range(fields.shape[i, 1]):
+            low, high = row_span(x, y, i, fields)
+            first = np.uint64(row_place(x, y, i, fields) + low)
+            total, along, inside, inside_along, inside_square = row_moments(
+                fields.phi, first, low, max(high - low, 0)
+            )
             out[0] += total
             out[1] += total * x
             out[2] += total * y
@@ -93,15 +104,15 @@ def find_extent(i, fields, level):
     for axis in range(3):
         fields.extent[i, axis, 0] = fields.shape[i, axis]
         fields.extent[i, axis, 1] = -1
-    nx, ny, nz = fields.shape[i, 0], fields.shape[i, 1], fields.shape[i, 2]
-    for x in range(nx):
-        for y in range(ny):
-            row = fields.start[i] + (x * ny + y) * nz
-            if row_peak(fields.phi, np.uint64(row), nz) > level:
-                z0, z1 = row_span(fields.phi, row, nz, level)
+    for x in range(fields.shape[i, 0]):
+        for y in range(fields.shape[i, 1]):
+            low, high = row_span(x, y, i, fields)
+            first, count = row_place(x, y, i, fields) + low, max(high - low, 0)
+            if row_peak(fields.phi, np.uint64(first), count) > level:
+                z0, z1 = box_span(fields.phi, first, count, level)
                 include(fields.extent, i, 0, x, x + 1)
                 include(fields.extent, i, 1, y, y + 1)
-                include(fields.extent, i, 2, z0, z1)
+                include(fields.extent, i, 2, low + z0, low + z1)
 
 
 @parallel_kernel()

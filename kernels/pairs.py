@@ -4,7 +4,8 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
-from morphosim.kernels.frames import HALO, band_rows, frame_index, frame_size, strides
+from morphosim.kernels.frames import HALO, frame_index, frame_size, strides
+from morphosim.kernels.rows import row_place, row_span
 from morphosim.kernels.sharing import offer, turns
 
 
@@ -25,12 +26,12 @@ def add_overlap(i, j, weight, phi, boxes, target, first):
     z0, z1, shift_z = overlap(i, j, 2, boxes)
     sx, sy = strides(i, boxes)
     for x in range(x0, x1):
-        low, high = band_rows(x - shift_x, j, boxes, False)
-        for y in range(max(y0, low + shift_y), min(y1, high + shift_y)):
-            line = (x - shift_x) * boxes.shape[j, 1] + y - shift_y
-            source = np.uint64(boxes.start[j] + line * boxes.shape[j, 2] + z0 - shift_z)
-            goal = np.uint64(first + frame_index(x, y, z0, sx, sy))
-            for k in range(np.uint64(max(z1 - z0, 0))):
+        for y in range(y0, y1):
+            low, high = row_span(x - shift_x, y - shift_y, j, boxes)
+            low, high = max(low + shift_z, z0), min(high + shift_z, z1)
+            place = row_place(x - shift_x, y - shift_y, j, boxes) - shift_z
+            source, goal = np.uint64(place + low), np.uint64(first + frame_index(x, y, low, sx, sy))
+            for k in range(np.uint64(max(high - low, 0))):
                 target[goal + k] += weight * phi[source + k]
 
 

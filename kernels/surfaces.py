@@ -13,6 +13,7 @@ from numba import prange
 
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import clear_row, copy_row
+from morphosim.kernels.rows import row_place, row_span
 from morphosim.kernels.sharing import offer, turns
 
 
@@ -172,18 +173,19 @@ def cubes_of(i, fields):
 
 @kernel()
 def load_extent(i, fields, values):
-    """Copy cell i's extent with one point more on each side into `values`; 0 beyond its box."""
-    nx, ny, nz = fields.shape[i, 0], fields.shape[i, 1], fields.shape[i, 2]
+    """Copy cell i's extent with one point more on each side into `values`; 0 beyond its field."""
+    nx, ny = fields.shape[i, 0], fields.shape[i, 1]
     x0, y0, z0 = fields.extent[i, 0, 0] - 1, fields.extent[i, 1, 0] - 1, fields.extent[i, 2, 0] - 1
     x1, y1, z1 = fields.extent[i, 0, 1] + 1, fields.extent[i, 1, 1] + 1, fields.extent[i, 2, 1] + 1
-    low, high = max(z0, 0), min(z1, nz)
     for x in range(x0, x1):
         for y in range(y0, y1):
             goal = np.uint64(((x - x0) * (y1 - y0) + y - y0) * (z1 - z0))
             clear_row(values, goal, z1 - z0)
             if 0 <= x < nx and 0 <= y < ny:
-                source = np.uint64(fields.start[i] + (x * ny + y) * nz + low)
-                copy_row(fields.phi, source, values, goal + np.uint64(low - z0), high - low)
+                low, high = row_span(x, y, i, fields)
+                low, high = max(low, z0), min(high, z1)
+                source = np.uint64(row_place(x, y, i, fields) + low)
+                copy_row(fields.phi, source, values, goal + np.uint64(low - z0), max(high - low, 0))
 
 
 @kernel()

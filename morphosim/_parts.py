@@ -1,8 +1,8 @@
 """Arrays that are there in parts, so that what is as large as all fields is not held twice."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -36,6 +36,31 @@ def pieces(values: InParts) -> Iterator[NDArray[Any]]:
         yield values[start : start + rows]
 
 
+class Made(Sequence[NDArray[Any]]):
+    """Arrays that are made when they are asked for.
+
+    Parameters
+    ----------
+    make : function of an item
+    items : sequence
+    """
+
+    def __init__(self, make: Callable[[Any], NDArray[Any]], items: Sequence[Any]) -> None:
+        self._make, self._items = make, items
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    @overload
+    def __getitem__(self, k: int) -> NDArray[Any]: ...
+    @overload
+    def __getitem__(self, k: slice) -> Sequence[NDArray[Any]]: ...
+    def __getitem__(self, k: int | slice) -> NDArray[Any] | Sequence[NDArray[Any]]:
+        if isinstance(k, slice):
+            return Made(self._make, self._items[k])
+        return self._make(self._items[k])
+
+
 class Joined:
     """Arrays one after the other, as if they were one.
 
@@ -43,11 +68,14 @@ class Joined:
     ----------
     parts : sequence of arrays, at least one
         Of one type, and of one shape but for the first axis. They are not copied.
+    lengths : of the parts along the first axis, if they are `Made` when they are asked for
     """
 
-    def __init__(self, parts: Sequence[NDArray[Any]]) -> None:
+    def __init__(
+        self, parts: Sequence[NDArray[Any]], lengths: NDArray[np.int64] | None = None
+    ) -> None:
         self.parts = parts
-        self._ends = np.cumsum([len(part) for part in parts])
+        self._ends = np.cumsum([len(part) for part in parts] if lengths is None else lengths)
         self.dtype: np.dtype[Any] = parts[0].dtype
         self.shape: tuple[int, ...] = (int(self._ends[-1]), *parts[0].shape[1:])
 

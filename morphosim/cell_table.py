@@ -14,7 +14,19 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 Rows = NDArray[np.int64]
 RESERVED = frozenset(
-    {"phi", "history", "band", "kinds", "next_id", "check", "facts", "rows", "file"}
+    {
+        "phi",
+        "history",
+        "low",
+        "high",
+        "points",
+        "kinds",
+        "next_id",
+        "check",
+        "facts",
+        "rows",
+        "file",
+    }  # fmt: skip
 )
 """Names that checkpoints and ranks use for other things than columns."""
 

@@ -268,7 +268,7 @@ class Accuracy:
         measure_defects(
             state.schedule.order, self._due, state.pool.acting,
             state.pool.boxes, not state.pool.band_only, terms.gamma, terms.pressure, terms.drift,
-            coupling.interaction, coupling.columns, *coupling.pairs, state.workspace.frames,
+            coupling.interaction, coupling.columns, *coupling.pairs, state.workspace.room,
             self._weights, self._rates, self._wall_errors, time, self._sums,
             cells["error_defect"], cells["error_space"], cells["error_clock"], attracts, walls,
         )  # fmt: skip

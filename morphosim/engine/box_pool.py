@@ -1,6 +1,7 @@
 """Moving boxes: where each cell's subgrid lies, and the pools that hold the fields."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,17 @@ from morphosim.kernels.boxes import (
     GUARD,
     N_SURVEYED,
     TOTAL,
+    WANTED,
     close_ranks,
     extents,
     find_bands,
-    move_boxes,
+    get_boxes,
+    put_boxes,
+    stretch_totals,
+    survey_bands,
 )
 from morphosim.kernels.layout import Boxes, Limits
+from morphosim.kernels.rows import BLOCK, whole_rows
 
 SLACK = 4
 """A box is laid anew when it could be smaller by this many points along an axis."""
@@ -27,14 +33,17 @@ COLUMNS = (
     Column("origin", np.int64, (3,), inherits=False),
     Column("shape", np.int64, (3,), inherits=False),
     Column("start", np.int64, inherits=False, saved=False),
-    Column("plane_start", np.int64, inherits=False, saved=False),
+    Column("row_start", np.int64, inherits=False, saved=False),
+    Column("room", np.int64, inherits=False),
     Column("lost", inherits=False),
     Column("surveys", shape=(N_SURVEYED,), inherits=False),
     Column("ahead", inherits=False, optional=True),
 )
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
-AT_ONCE = 1024
-"""Boxes that move together: until all have, the pools hold the old and the new ones."""
+AT_ONCE = 256
+"""Boxes that are laid together: until all are, they are held whole beside the pools."""
+SPARE = 16
+"""A cell gets room for one more point per so many, as its band changes from step to step."""
 MOST_FREE = 0.1
 """Share of the pools that may lie idle between boxes, before all boxes close ranks."""
 Integers = NDArray[np.int64]
@@ -81,7 +90,7 @@ class Slots:
 
 def even(shape: Integers) -> Integers:
     """Box shape rounded up to even numbers, which keeps the number of sizes small."""
-    return np.asarray(np.maximum(shape + shape % 2, 8))
+    return np.asarray(np.maximum(shape + shape % 2, [8, 8, BLOCK]))
 
 
 def morton_order(origin: Integers) -> Integers:
@@ -106,15 +115,18 @@ class BoxPool:
     memory : {"history", "extrapolation", "none"}
         What the scheme remembers: Hⁿ, 0 at first, or φ*, φ at first, in which forces are taken.
     band_only : bool
-        Whether the solver works on the narrow band alone, outside of which φ is 0.
+        Whether the solver works on the narrow band alone, outside of which φ is 0: then that is all
+        that is held of a box.
 
     Attributes
     ----------
     phi : 1-D pool of φⁿ
     history : 1-D pool of the scheme's history Hⁿ, or of the extrapolation φ*, or None
-    band : (planes, 2) int32
-        Rows of each plane of each box where the field is not 0, `GUARD` more than where it
+    low, high : (rows,) int16
+        Points of each row along z of each box where the field is not 0, `GUARD` more than where it
         exceeds the tolerance.
+    place : (rows,) int32
+        Where the row lies in the pools; see `Boxes`.
     """
 
     def __init__(
@@ -127,8 +139,9 @@ class BoxPool:
         self.phi: Real = np.zeros(0, dtype)
         self.history: Real | None = None if memory == "none" else np.zeros(0, dtype)
         self.memory = memory
-        self.band = np.zeros((0, 2), np.int32)
-        self._slots, self._planes = Slots(), Slots()
+        self.low = self.high = np.zeros(0, np.int16)
+        self.place = np.zeros(0, np.int32)
+        self._slots, self._rows = Slots(), Slots()
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -149,13 +162,18 @@ class BoxPool:
 
     @property
     def start(self) -> Integers:
-        """(N,) first index of each box in the pools of fields."""
+        """(N,) first index of each cell in the pools of fields."""
         return self.cells["start"]
 
     @property
-    def plane_start(self) -> Integers:
-        """(N,) first index of each box in `band`."""
-        return self.cells["plane_start"]
+    def row_start(self) -> Integers:
+        """(N,) number of each cell's first row."""
+        return self.cells["row_start"]
+
+    @property
+    def room(self) -> Integers:
+        """(N,) points that each cell has in the pools of fields."""
+        return self.cells["room"]
 
     @property
     def lost(self) -> NDArray[np.float64]:
@@ -180,23 +198,64 @@ class BoxPool:
     @property
     def boxes(self) -> Boxes:
         """Layout for the kernels; valid until boxes move."""
-        return Boxes(self.origin, self.shape, self.start, self.plane_start, self.band)
+        return Boxes(
+            self.origin, self.shape, self.start, self.row_start, self.low, self.high, self.place
+        )
+
+    @property
+    def stored(self) -> Boxes:
+        """Layout of all that is held, be it in the band or not; valid until a step or a move."""
+        if self.band_only:
+            return self.boxes
+        return Boxes(self.origin, self.shape, self.start, *whole_rows(self.shape))
+
+    def stored_of(self, cells: Integers) -> Boxes:
+        """What `stored` says of some cells."""
+        held = self.stored
+        return held._replace(
+            origin=held.origin[cells], shape=held.shape[cells], start=held.start[cells],
+            row_start=held.row_start[cells],
+        )  # fmt: skip
 
     @property
     def nbytes(self) -> int:
         """Bytes of the pools, as far as they have been in use."""
         fields = self.phi.itemsize * (1 if self.history is None else 2)
-        return fields * self._slots.end + 2 * self.band.itemsize * self._planes.end
+        row = self.low.itemsize + self.high.itemsize + self.place.itemsize
+        return fields * self._slots.end + row * self._rows.end
 
     def sizes(self) -> Integers:
         """Points per box."""
         return np.asarray(self.shape.prod(axis=1))
 
+    def rows_of(self, i: int) -> slice:
+        """Rows of cell i in `low`, `high` and `place`."""
+        first = int(self.row_start[i])
+        return slice(first, first + int(self.shape[i, 0] * self.shape[i, 1]))
+
+    def stretch(self, i: int) -> slice:
+        """Values of cell i in the pools."""
+        start = int(self.start[i])
+        if not self.band_only:
+            return slice(start, start + int(self.shape[i].prod()))
+        rows = self.rows_of(i)
+        return slice(start, start + int((self.high[rows] - self.low[rows]).sum(dtype=np.int64)))
+
     def box(self, i: int, pool: Real | None = None) -> Real:
-        """Field of cell i as a 3-D view (of `phi`, or of another pool of the same layout)."""
-        values = self.phi if pool is None else pool
-        start, (nx, ny, nz) = int(self.start[i]), self.shape[i].tolist()
-        return values[start : start + nx * ny * nz].reshape(nx, ny, nz)
+        """Field of cell i (of `phi`, or of another pool of the same layout), as a 3-D array.
+
+        A copy where only the band is held, else a view.
+        """
+        values, shape = self.phi if pool is None else pool, self.shape[[i]]
+        if not self.band_only:
+            return values[self.stretch(i)].reshape(shape[0])
+        whole = np.empty(shape[0], self.dtype)
+        none = np.zeros((1, 3), np.int64)
+        get_boxes(
+            np.array([i]), self.boxes, True, values, none, shape, none[0, :1], whole.reshape(-1),
+            None,
+        )  # fmt: skip
+        return whole
 
     def lay(self, rows: Integers, fields: Iterable[tuple[Integers, Real]]) -> None:
         """Lay boxes for new rows of the table, around the band of the fields given.
@@ -204,34 +263,40 @@ class BoxPool:
         Parameters
         ----------
         rows : (n,) rows of `cells` that have no box yet
-        fields : of these, lattice origin and field
+        fields : of these, lattice origin and field; they are taken a few at a time
         """
-        given, laid = [], []
-        for origin, phi in fields:
-            given.append(float(phi.sum(dtype=float)))
-            laid.append(self._trim(origin, phi))
-        self.origin[rows] = [origin for origin, _ in laid]
-        self.shape[rows] = [phi.shape for _, phi in laid]
-        self._take(rows)
-        for i, (_, phi) in zip(rows.tolist(), laid, strict=True):
-            self.box(i)[:] = phi
-        self.survey(rows)
+        self.room[rows] = 0
+        given = np.zeros(len(rows))
+        for first, some in _batches(rows, fields):
+            laid = [self._trim(origin, phi) for origin, phi in some]
+            part = rows[first : first + len(some)]
+            given[first : first + len(some)] = [float(phi.sum(dtype=float)) for _, phi in some]
+            self.origin[part] = [origin for origin, _ in laid]
+            self.shape[part] = [phi.shape for _, phi in laid]
+            self._take_rows(part)
+            self._fill(part, [np.concatenate([phi.reshape(-1) for _, phi in laid])])
         self.forget(rows.tolist())
         self.lost[rows] = given - self.surveys[rows, TOTAL]
 
     def release(self, rows: Integers) -> None:
         """Give back the boxes of cells that are about to be dropped from the table."""
-        self._give(self.start[rows], self.plane_start[rows], self.shape[rows])
+        self._vacate(rows)
+        self._give(self.row_start[rows], self._n_rows(rows), self._rows)
 
     def forget(self, rows: Iterable[int]) -> None:
         """Begin the histories of cells anew."""
         if self.history is not None:
             for i in rows:
-                self.box(i, self.history)[:] = self.box(i) if self._extrapolates else 0
+                where = self.stretch(i)
+                self.history[where] = self.phi[where] if self._extrapolates else 0
                 self.cells["ahead"][i] = self.surveys[i, TOTAL]
 
     def contents(self, cells: Integers | None = None) -> dict[str, NDArray]:
-        """Fields, histories and bands, box after box, of all cells or of those given: copies."""
+        """Fields, histories and bands, cell after cell, of all or of those given: copies.
+
+        "points" (n,) says how many values of each field there are, "low" and "high" what `Boxes`
+        has for its rows.
+        """
         return {name: np.asarray(parts) for name, parts in self.parts(cells).items()}
 
     def parts(self, cells: Integers | None = None) -> dict[str, Joined]:
@@ -239,22 +304,21 @@ class BoxPool:
         held = {"phi": self.phi} if self.history is None else {
             "phi": self.phi, "history": self.history,
         }  # fmt: skip
-        chosen = np.arange(len(self)) if cells is None else cells
-        bands = [
-            self.band[first : first + n]
-            for first, n in zip(self.plane_start[chosen], self.shape[chosen, 0], strict=True)
-        ]
-        return {
-            name: Joined([self.box(i, pool).reshape(-1) for i in chosen.tolist()])
-            for name, pool in held.items()
-        } | {"band": Joined(bands)}
+        chosen = (np.arange(len(self)) if cells is None else cells).tolist()
+        stretches, rows = [self.stretch(i) for i in chosen], [self.rows_of(i) for i in chosen]
+        points = np.array([s.stop - s.start for s in stretches], np.int64)
+        return {name: Joined([pool[s] for s in stretches]) for name, pool in held.items()} | {
+            "low": Joined([self.low[r] for r in rows]), "high": Joined([self.high[r] for r in rows]),
+            "points": Joined([points]),
+        }  # fmt: skip
 
     def restore(self, contents: Mapping[str, InParts]) -> None:
         """Hold exactly the boxes that the table says, with the fields of `contents`."""
-        self._slots, self._planes = Slots(), Slots()
+        self._slots, self._rows = Slots(), Slots()
         rows = np.arange(len(self))
-        self._take(rows)
-        self.fill(rows, contents)
+        self._take_rows(rows)
+        self._occupy(rows, self.room)
+        self._copy_in(rows, contents)
 
     def arrange(self, kept: Integers, places: Integers, origin: Integers, shape: Integers) -> None:
         """Hold other cells: some of the present ones, at new rows of the table, and empty boxes.
@@ -269,41 +333,55 @@ class BoxPool:
         self.cells.arrange(kept, places, len(origin))
         self.origin[:], self.shape[:] = origin, shape
         new = np.setdiff1d(np.arange(len(origin)), places)
-        self._take(new)
+        self.room[new] = 0
+        self._take_rows(new)
+        self._take(new, self.sizes()[new])
+        _, _, _, place = whole_rows(self.shape[new])
+        end = 0
         for i in new.tolist():
-            self.box(i)[:] = 0
-            self.band[self.plane_start[i] : self.plane_start[i] + shape[i, 0]] = 0
+            rows = self.rows_of(i)
+            self.low[rows] = self.high[rows] = 0
+            end += rows.stop - rows.start
+            self.place[rows] = place[end - (rows.stop - rows.start) : end]
+            self.phi[self.stretch(i)] = 0
         self.forget(new.tolist())
 
     def fill(self, cells: Integers, contents: Mapping[str, InParts]) -> None:
-        """Put the fields, histories and bands of `contents` into boxes of the same shapes."""
-        sizes, planes = self.sizes()[cells], self.shape[cells, 0]
-        ends, last = np.cumsum(sizes), np.cumsum(planes)
-        for k, i in enumerate(cells.tolist()):
-            box = slice(ends[k] - sizes[k], ends[k])
-            self.box(i)[:] = contents["phi"][box].reshape(self.shape[i])
-            if self.history is not None:
-                self.box(i, self.history)[:] = contents["history"][box].reshape(self.shape[i])
-            first = int(self.plane_start[i])
-            self.band[first : first + planes[k]] = contents["band"][last[k] - planes[k] : last[k]]
+        """Put what `contents` gave, and their "room", into boxes of the same shapes."""
+        self._vacate(cells)
+        self._occupy(cells, np.asarray(contents["room"]))
+        self._copy_in(cells, contents)
 
-    def survey(self, rows: Integers) -> None:
-        """Measure the stored fields of cells and find their bands anew; `lost` counts the cut."""
-        find_bands(
-            rows, self.phi, self.history, self.boxes, self.band_only, self.limits, self.surveys,
-            self.lost,
-        )  # fmt: skip
+    def _copy_in(self, cells: Integers, contents: Mapping[str, InParts]) -> None:
+        """Copy fields, histories and bands."""
+        rows, last = np.cumsum(self._n_rows(cells)), 0
+        for i, end in zip(cells.tolist(), rows.tolist(), strict=True):
+            here = self.rows_of(i)
+            self.low[here], self.high[here] = contents["low"][last:end], contents["high"][last:end]
+            self._place(i)
+            last = end
+        points, last = np.cumsum(contents["points"][: len(cells)]), 0
+        for i, end in zip(cells.tolist(), points.tolist(), strict=True):
+            where = self.stretch(i)
+            self.phi[where] = contents["phi"][last:end]
+            if self.history is not None:
+                self.history[where] = contents["history"][last:end]
+            last = end
+
+    def cramped(self) -> NDArray[np.bool_]:
+        """(N,) whether the field has come to a face of its box, or wants more room in the pools."""
+        touching = self.surveys[:, FACE] > self.limits.tolerance
+        return np.asarray(touching | (self.surveys[:, WANTED] > self.room))
 
     def refit(self, cells: Integers) -> Integers:
         """Lay the boxes of these cells anew where the band needs it; return those that moved."""
         found = np.zeros((len(cells), 3, 2), np.int64)
-        extents(cells, self.phi, self.boxes, self.limits.tolerance, found)
+        extents(cells, self.boxes, self.band_only, self.phi, self.limits.tolerance, found)
         low, high = found[:, :, 0] - GUARD, found[:, :, 1] + GUARD
         alive = (found[:, 0, 0] < found[:, 0, 1]) & (self.surveys[cells, BAD] == 0)
         shape = even(high - low)
-        touching = self.surveys[cells, FACE] > self.limits.tolerance
         loose = (shape <= self.shape[cells] - SLACK).any(axis=1)
-        moved = alive & (touching | loose)
+        moved = alive & (self.cramped()[cells] | loose)
         for start in range(0, moved.sum(), AT_ONCE):
             some = np.flatnonzero(moved)[start : start + AT_ONCE]
             self._move(cells[some], low[some], shape[some])
@@ -327,23 +405,40 @@ class BoxPool:
         target[goal] = phi[source]
         return np.asarray(origin + low, np.int64), target
 
-    def _move(self, rows: Integers, shifts: Integers, shapes: Integers) -> None:
+    def _move(self, cells: Integers, shifts: Integers, shapes: Integers) -> None:
         """Give cells boxes whose origins move by `shifts`; history moves with the field."""
-        starts, old, planes = self.start[rows], self.shape[rows], self.plane_start[rows]
-        self.origin[rows] += shifts
-        self.shape[rows] = shapes
-        self._take(rows)
-        move_boxes(
-            rows, starts, old, shifts, self.phi, self.history, self.boxes, self.band_only,
-            self.limits, self.surveys, self.lost,
-            self.cells["ahead"] if self._extrapolates else None,
-        )  # fmt: skip
-        self._give(starts, planes, old)
+        starts, size = _one_after_the_other(shapes.prod(axis=1))
+        pools = [self.phi] if self.history is None else [self.phi, self.history]
+        wholes = []
+        for pool in pools:
+            wholes.append(np.empty(size, self.dtype))
+            get_boxes(
+                cells, self.boxes, self.band_only, pool, shifts, shapes, starts, wholes[-1],
+                self.lost if pool is self.phi else None,
+            )  # fmt: skip
+        self._give(self.row_start[cells], self._n_rows(cells), self._rows)
+        self.origin[cells] += shifts
+        self.shape[cells] = shapes
+        self._take_rows(cells)
+        self._fill(cells, wholes)
+        if self._extrapolates:
+            stretch_totals(cells, self.boxes, self.band_only, self.history, self.cells["ahead"])
+
+    def _fill(self, cells: Integers, wholes: Sequence[Real]) -> None:
+        """Take in fields, and histories, of whole boxes, one after the other; survey the fields."""
+        starts, _ = _one_after_the_other(self.sizes()[cells])
+        find_bands(cells, self.boxes, self.band_only, starts, wholes[0], self.limits, self.surveys)
+        self._take(cells, self.surveys[cells, WANTED].astype(np.int64))
+        put_boxes(cells, self.boxes, self.band_only, starts, wholes[0], self.phi, self.lost)
+        for whole in wholes[1:]:
+            put_boxes(cells, self.boxes, self.band_only, starts, whole, self.history, None)
+        if self.band_only:
+            survey_bands(cells, self.boxes, self.phi, self.limits, self.surveys)
 
     def _close_ranks(self) -> None:
-        """Leave no room between boxes in the pools."""
+        """Leave no room between cells in the pools."""
         order = np.argsort(self.start)
-        starts, sizes = self.start[order], self.sizes()[order]
+        starts, sizes = self.start[order], self.room[order]
         self._slots = Slots()
         goals = np.array([self._slots.take(size) for size in sizes.tolist()], np.int64)
         for pool in (self.phi, self.history):
@@ -351,28 +446,68 @@ class BoxPool:
                 close_ranks(starts, goals, sizes, pool)
         self.start[order] = goals
 
-    def _take(self, rows: Integers) -> None:
-        """Give boxes of the shapes in the table their stretches of the pools."""
-        sizes = self.shape[rows].prod(axis=1)
-        self.start[rows] = [self._slots.take(size) for size in sizes.tolist()]
-        self.plane_start[rows] = [self._planes.take(n) for n in self.shape[rows, 0].tolist()]
-        self._reserve()
+    def _n_rows(self, cells: Integers) -> Integers:
+        return np.asarray(self.shape[cells, :2].prod(axis=1))
 
-    def _give(self, starts: Integers, planes: Integers, shapes: Integers) -> None:
-        """Give back the stretches of boxes of these shapes."""
-        for start, size in zip(starts.tolist(), shapes.prod(axis=1).tolist(), strict=True):
-            self._slots.give(start, size)
-        for start, size in zip(planes.tolist(), shapes[:, 0].tolist(), strict=True):
-            self._planes.give(start, size)
+    def _take_rows(self, cells: Integers) -> None:
+        """Give boxes of the shapes in the table their rows."""
+        self.row_start[cells] = [self._rows.take(n) for n in self._n_rows(cells).tolist()]
+        if self._rows.end > len(self.place):
+            self.low, self.high, self.place = (
+                _grown(values, self._rows.end) for values in (self.low, self.high, self.place)
+            )
 
-    def _reserve(self) -> None:
-        """Grow the pools to what the slots need, with room for a few boxes more."""
-        if self._planes.end > len(self.band):
-            self.band = _grown(self.band, self._planes.end)
+    def _take(self, cells: Integers, sizes: Integers) -> None:
+        """Give cells room for so many points, and as a rule some more, instead of what they have."""
+        self._vacate(cells)
+        if self.band_only:
+            sizes = sizes + sizes // SPARE
+        self._occupy(cells, np.array([Slots.capacity(size) for size in sizes.tolist()], np.int64))
+
+    def _vacate(self, cells: Integers) -> None:
+        """Give back the room of cells in the pools of fields."""
+        self._give(self.start[cells], self.room[cells], self._slots)
+        self.room[cells] = 0
+
+    def _occupy(self, cells: Integers, rooms: Integers) -> None:
+        """Give cells so much room in the pools of fields."""
+        self.room[cells] = rooms
+        self.start[cells] = [self._slots.take(room) for room in rooms.tolist()]
         if self._slots.end > len(self.phi):
             self.phi = _grown(self.phi, self._slots.end)
             if self.history is not None:
                 self.history = _grown(self.history, self._slots.end)
+
+    def _place(self, i: int) -> None:
+        """Set where the rows of cell i lie, of the spans in the table."""
+        rows = self.rows_of(i)
+        if self.band_only:
+            low, length = self.low[rows], self.high[rows] - self.low[rows]
+            self.place[rows] = np.cumsum(length, dtype=np.int64) - length - low
+        else:
+            self.place[rows] = np.arange(rows.stop - rows.start) * self.shape[i, 2]
+
+    @staticmethod
+    def _give(starts: Integers, sizes: Integers, slots: Slots) -> None:
+        """Give back stretches of these lengths; those of none have never been taken."""
+        for start, size in zip(starts.tolist(), sizes.tolist(), strict=True):
+            if size:
+                slots.give(start, size)
+
+
+def _batches(
+    rows: Integers, fields: Iterable[tuple[Integers, Real]]
+) -> Iterator[tuple[int, list[tuple[Integers, Real]]]]:
+    """A few fields at a time, and how many came before."""
+    each = iter(fields)
+    for first in range(0, len(rows), AT_ONCE):
+        yield first, list(islice(each, AT_ONCE))
+
+
+def _one_after_the_other(sizes: Integers) -> tuple[Integers, int]:
+    """Where stretches of these lengths begin, and the length of all."""
+    ends = np.cumsum(sizes)
+    return np.asarray(ends - sizes), int(ends[-1]) if len(ends) else 0
 
 
 def _grown(pool: NDArray, size: int) -> NDArray:

@@ -1,7 +1,7 @@
 """What may be asked of the cells of an engine; see `mpi.gathered_view` for that of all ranks."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,32 @@ from morphosim.engine.box_pool import BoxPool
 from morphosim.kernels.boxes import CORE, TOTAL
 from morphosim.measure.measurement import centroids
 from morphosim.numerics.parameters import Numerics
+
+
+class PoolFields(Sequence[CellField]):
+    """Fields of a pool's cells, each made when it is asked for.
+
+    Parameters
+    ----------
+    pool : BoxPool
+    names : of its cells
+    """
+
+    def __init__(self, pool: BoxPool, names: Sequence[str]) -> None:
+        self._pool, self._names = pool, names
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    @overload
+    def __getitem__(self, i: int) -> CellField: ...
+    @overload
+    def __getitem__(self, i: slice) -> Sequence[CellField]: ...
+    def __getitem__(self, i: int | slice) -> CellField | Sequence[CellField]:
+        rows = range(len(self))[i]
+        if isinstance(rows, range):
+            return [self[k] for k in rows]
+        return CellField(self._names[rows], self._pool.origin[rows], self._pool.box(rows))
 
 
 class CellView:
@@ -52,17 +78,15 @@ class CellView:
     @property
     def centroids(self) -> NDArray[np.float64]:
         """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
-        pool = self.pool
-        return centroids(pool.phi, pool.origin, pool.shape, pool.start, self.numerics.spacing)
+        return centroids(self.pool.phi, self.pool.stored, self.numerics.spacing)
 
     @property
     def fields(self) -> Sequence[CellField]:
-        """The cells' fields: views, valid until the next step."""
-        pool, names = self.pool, self.cells.names
-        return [CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(names)]
+        """The cells' fields, each made when it is asked for; valid until the next step."""
+        return PoolFields(self.pool, self.cells.names)
 
     def field(self, row: int) -> CellField:
-        """Field of one cell: a view, valid until the next step."""
+        """Field of one cell, valid until the next step."""
         return CellField(self.cells["name"][row], self.pool.origin[row], self.pool.box(row))
 
     def column(self, name: str) -> NDArray[Any]:

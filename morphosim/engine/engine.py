@@ -23,7 +23,7 @@ from morphosim.engine.stencil import make_stencil
 from morphosim.engine.workspace import Workspace
 from morphosim.errors import TermError
 from morphosim.geometry.confinement import Confinement
-from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE
+from morphosim.kernels.boxes import BAD, CORE, EDGE
 from morphosim.kernels.layout import CellTerms, Limits, Scheme
 from morphosim.kernels.points import records
 from morphosim.measure.measurement import Measurement, measure
@@ -178,14 +178,14 @@ class Engine(CellView):
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays that grow with the cells, but for short lists of columns."""
-        parts = (self.cells, self.pool, self._coupling, self.solver, self._workspace.frames)
+        parts = (self.cells, self.pool, self._coupling, self.solver, self._workspace)
         return sum(part.nbytes for part in parts)
 
     def measured(self) -> Measurement:
         """Shapes and contacts of all cells, measured on the engine's threads."""
         pool = self.pool
         with self.limited_threads():
-            return measure(pool.phi, pool.origin, pool.shape, pool.start, self.numerics.spacing)
+            return measure(pool.phi, pool.stored, self.numerics.spacing)
 
     @contextmanager
     def limited_threads(self) -> Iterator[None]:
@@ -350,7 +350,8 @@ class Engine(CellView):
         self.explicit_rate = rate
         if self.pool.history is not None and self.numerics.scheme == "bdf2":
             for i in np.flatnonzero(~self.cells["fresh"]).tolist():
-                self.pool.box(i, self.pool.history)[:] -= (self.S - before) * self.pool.box(i)
+                where = self.pool.stretch(i)
+                self.pool.history[where] -= (self.S - before) * self.pool.phi[where]
         self.change()
 
     def change(self) -> None:
@@ -458,8 +459,7 @@ class Engine(CellView):
         if self.steps % SHRINK_INTERVAL == 0:
             cells = self._schedule.order
         else:
-            touching = self.pool.surveys[:, FACE] > self._limits.tolerance
-            cells = np.flatnonzero(touching & ~self.cells["frozen"])
+            cells = np.flatnonzero(self.pool.cramped() & ~self.cells["frozen"])
         self.moved = self.pool.refit(cells) if len(cells) else cells
         if len(self.moved):
             self._displaced = True

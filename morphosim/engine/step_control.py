@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_table import CellTable, Column
-from morphosim.kernels.linearised import MISSED, MOVED, SLOPE
+from morphosim.kernels.linearised import MISSED, MOVED, SQUARE
 from morphosim.numerics.parameters import LONGEST, PARTS, Numerics
 
 Floats = NDArray[np.float64]
@@ -98,7 +98,7 @@ def make_whole(changes: Floats, steepness: float, targets: Floats) -> None:
     targets : (n,) target volumes, µm³, or nan
     """
     ball = np.cbrt(36 * np.pi * targets**2)
-    changes[:, SLOPE] = np.fmax(changes[:, SLOPE], WHOLE * steepness * ball)
+    changes[:, SQUARE] = np.fmax(changes[:, SQUARE], WHOLE * steepness * ball)
 
 
 def swept(missed: Floats, step: float, damped: float, speeds: Floats) -> Floats:
@@ -177,7 +177,7 @@ class StepControl:
         rows : (n,) the cells that are stepped
         """
         step, last = ticks * self._tick, before * self._tick
-        slope = np.maximum(changes[rows, SLOPE], np.finfo(float).tiny)
+        slope = np.maximum(changes[rows, SQUARE], np.finfo(float).tiny)
         missed = np.sqrt(changes[rows, MISSED] / slope)
         speed = np.sqrt(changes[rows, MOVED] / slope) / step
         acceleration = 2 * missed / (step * (step + last))

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim.cell_field import CellField
 from morphosim.kernels.contacts import Neighbours, contacts
-from morphosim.kernels.layout import Shares
+from morphosim.kernels.layout import Boxes, Shares
 from morphosim.kernels.moments import Fields, find_extents, overlapping_pairs
+from morphosim.kernels.rows import whole_rows
 from morphosim.kernels.sharing import equal_shares
 from morphosim.kernels.surfaces import Work
 
@@ -71,17 +72,16 @@ class Prepared(NamedTuple):
     work: Work
 
 
-def pack(
-    fields: Sequence[CellField],
-) -> tuple[NDArray[np.floating], Integers, Integers, Integers]:
-    """Pool of these fields, and origin, shape and start of each box; see `measure.measure`."""
+def pack(fields: Sequence[CellField]) -> tuple[NDArray[np.floating], Boxes]:
+    """Pool of these fields, and where they lie in it; see `measure.measure`."""
     origin, shape = _places(fields)
     ends = np.cumsum(shape.prod(axis=1))
     single = all(f.phi.dtype == np.float32 for f in fields)
     pool: NDArray[np.floating] = np.zeros(ends.max(initial=0), np.float32 if single else np.float64)
     for field, end in zip(fields, ends.tolist(), strict=True):
         pool[end - field.phi.size : end] = field.phi.ravel()
-    return pool, origin, shape, np.asarray(ends - shape.prod(axis=1))
+    start = np.asarray(ends - shape.prod(axis=1))
+    return pool, Boxes(origin, shape, start, *whole_rows(shape))
 
 
 def shared_out(shape: Integers) -> Shares:
@@ -90,12 +90,15 @@ def shared_out(shape: Integers) -> Shares:
     return shares
 
 
-def prepare(
-    phi: NDArray[np.floating], origin: Integers, shape: Integers, start: Integers
-) -> Prepared:
+def placed(phi: NDArray[np.floating], boxes: Boxes) -> Fields:
+    """The fields of a pool; what part of its box each fills is to be found."""
+    return Fields(phi, *boxes, np.zeros((len(boxes.start), 3, 2), np.int64))
+
+
+def prepare(phi: NDArray[np.floating], boxes: Boxes) -> Prepared:
     """Share the cells out between threads, and find what part of its box each fills."""
-    shares = shared_out(shape)
-    fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
+    shares = shared_out(boxes.shape)
+    fields = placed(phi, boxes)
     find_extents(shares, fields, NEIGHBOUR_LEVEL)  # the lowest level of all
     points = np.maximum(fields.extent[:, :, 1] - fields.extent[:, :, 0] + 2, 1)
     most, longest = points.prod(axis=1).max(initial=1), points[:, 2].max(initial=1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.cell_field import CellField
-from morphosim.kernels.layout import Shares
+from morphosim.kernels.layout import Boxes, Shares
 from morphosim.kernels.moments import N_MOMENTS, Fields, moments
 from morphosim.kernels.surfaces import surfaces
 from morphosim.measure.contacts import (
@@ -18,6 +18,7 @@ from morphosim.measure.contacts import (
     Prepared,
     pack,
     pair_areas,
+    placed,
     prepare,
     shared_out,
 )
@@ -139,23 +140,15 @@ class Measurement:
         return _ellipsoids(self.moments, self.spacing)
 
 
-def measure(
-    phi: NDArray[np.floating],
-    origin: NDArray[np.int64],
-    shape: NDArray[np.int64],
-    start: NDArray[np.int64],
-    spacing: float,
-) -> Measurement:
+def measure(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Measurement:
     """Measure all cells, on as many threads as Numba is set to use.
 
     Parameters
     ----------
     phi : 1-D array
         Pool of all fields, float32 or float64.
-    origin, shape : (N, 3)
-        Lattice position of each box's first point, and its points per axis.
-    start : (N,)
-        First index of each box in the pool; z runs fastest.
+    boxes : Boxes
+        Where they lie; what of a row is not in the band is taken to be 0.
     spacing : float
         Lattice step, µm.
 
@@ -165,11 +158,11 @@ def measure(
         `spacing` is not positive.
     """
     _validate.number("spacing", spacing, above=0)
-    prepared = prepare(phi, origin, shape, start)
+    prepared = prepare(phi, boxes)
     pairs, contact_area, touched = pair_areas(prepared, spacing)
     return Measurement(
         spacing=spacing,
-        origin=np.array(origin),  # the pool's own changes with the next step
+        origin=np.array(boxes.origin),  # the pool's own changes with the next step
         moments=_moments(prepared.shares, prepared.fields),
         surfaces=_surfaces(prepared, SURFACE, spacing),
         contact_surface=_surfaces(prepared, SURFACE_LEVEL, spacing)[0],
@@ -179,24 +172,16 @@ def measure(
     )
 
 
-def centroids(
-    phi: NDArray[np.floating],
-    origin: NDArray[np.int64],
-    shape: NDArray[np.int64],
-    start: NDArray[np.int64],
-    spacing: float,
-) -> Real:
+def centroids(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Real:
     """Centroids alone, (N, 3) µm; parameters as for `measure`."""
-    fields = Fields(phi, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
-    return _centroids(origin, _moments(shared_out(shape), fields), spacing)
+    return _centroids(boxes.origin, _moments(shared_out(boxes.shape), placed(phi, boxes)), spacing)
 
 
 def centroids_and_axes(fields: Sequence[CellField], spacing: float) -> tuple[Real, Real]:
     """Centroids (N, 3) in µm, and principal axes (N, 3, 3) as rows, alone; see `Measurement`."""
-    pool, origin, shape, start = pack(fields)
-    places = Fields(pool, origin, shape, start, np.zeros((len(start), 3, 2), np.int64))
-    found = _moments(shared_out(shape), places)
-    return _centroids(origin, found, spacing), _ellipsoids(found, spacing)[1]
+    phi, boxes = pack(fields)
+    found = _moments(shared_out(boxes.shape), placed(phi, boxes))
+    return _centroids(boxes.origin, found, spacing), _ellipsoids(found, spacing)[1]
 
 
 def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:

@@ -98,9 +98,7 @@ class GatheredView:
         """See `Engine`: of all cells, on this rank's threads."""
         pool = self.pool
         with self.local.limited_threads():
-            return measure(
-                pool.phi, pool.origin, pool.shape, pool.start, self.local.numerics.spacing
-            )
+            return measure(pool.phi, pool.stored, self.local.numerics.spacing)
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -154,8 +152,7 @@ class GatheredView:
         pool, own = self.local.pool, self.local.owned
         found = np.zeros((0, 3))
         if len(own):
-            boxes = pool.origin[own], pool.shape[own], pool.start[own]
-            found = centroids(pool.phi, *boxes, self.local.numerics.spacing)
+            found = centroids(pool.phi, pool.stored_of(own), self.local.numerics.spacing)
         part = {"rows": self.local.rows[own], "centroids": found}
         parts = state_transfer.gather(self.comm, part, everyone)
         return None if parts is None else _in_order(parts)["centroids"]

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 Integers = NDArray[np.int64]
-ROW = 8
-"""Bytes that say which rows of a plane follow."""
+ROW = 4
+"""Bytes that say which points of a row follow."""
 SUM = 8
 """Bytes of a cell's Σ φ."""
 
@@ -48,7 +48,7 @@ class Traffic:
 
 
 class Parcel:
-    """A message to or from one rank: Σ φ of each cell, and then rows of its field.
+    """A message to or from one rank: Σ φ of each cell, and then the rows of its field.
 
     Parameters
     ----------
@@ -66,15 +66,21 @@ class Parcel:
         self.places, self.low, self.high = places, portion.first - base, portion.end - base
         self.bytes = room[: size_of(portion, dtype)]
         sums = SUM * len(places)
-        fields = sums + ROW * portion.planes
+        fields = _whole(sums + ROW * portion.rows, dtype)
         self.sums = self.bytes[:sums].view(np.float64)
-        self.rows = self.bytes[sums:fields].view(np.int32).reshape(-1, 2)
+        self.rows = self.bytes[sums : sums + ROW * portion.rows].view(np.int16).reshape(-1, 2)
         self.values = self.bytes[fields:].view(dtype)
 
 
 def size_of(portion: Portion, dtype: np.dtype) -> int:
     """Most bytes that a message with this portion has."""
-    return SUM * len(portion.cells) + ROW * portion.planes + dtype.itemsize * portion.points
+    head = _whole(SUM * len(portion.cells) + ROW * portion.rows, dtype)
+    return head + dtype.itemsize * portion.points
+
+
+def _whole(size: int, dtype: np.dtype) -> int:
+    """A number of bytes rounded up to whole values."""
+    return -(-size // dtype.itemsize) * dtype.itemsize
 
 
 class GhostExchange:

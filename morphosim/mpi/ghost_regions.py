@@ -35,9 +35,9 @@ class Portion:
     end: Integers
 
     @property
-    def planes(self) -> int:
-        """Number of planes x of all parts."""
-        return int((self.end - self.first)[:, 0].sum())
+    def rows(self) -> int:
+        """Number of rows along z of all parts."""
+        return int((self.end - self.first)[:, :2].prod(axis=1).sum())
 
     @property
     def points(self) -> int:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 State = Mapping[str, Any]
-FLAT = ("phi", "history", "band")
+FLAT = ("phi", "history", "low", "high")
 MOST_BYTES = 1 << 30
 """Bytes per message; MPI counts them in 32 bits."""
 
@@ -55,7 +55,7 @@ def _stretches(state: State, name: str) -> list[NDArray]:
 def _places(state: State, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Where the boxes of a flat array end in it, and their sizes there."""
     shape = state["shape"]
-    sizes = shape[:, 0] if name == "band" else shape.prod(axis=1)
+    sizes = shape[:, :2].prod(axis=1) if name in ("low", "high") else state["points"]
     return np.cumsum(sizes), sizes
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from morphosim._files import guarded, replacing
 from morphosim._parts import pieces
@@ -20,13 +21,13 @@ from morphosim.runs.identity import Identity
 from morphosim.runs.npz import ENDING, read_array, stored_array, write_array
 from morphosim.scene.term_tables import term_table
 
-FORMAT = 3
+FORMAT = 4
 """Version of the file; others are refused. Version 0.1 of the package wrote 1."""
 FACTS, BACK, DIGEST = "facts", "back:", "digest"
-NEEDED = ("name", "shape", "phi")
+NEEDED = ("name", "shape", "room", "points", "low", "high", "phi")
 """Arrays that every state has."""
-FIELDS = ("phi", "history", "band")
-"""Arrays of all boxes, and what is known of each box."""
+FIELDS = ("phi", "history")
+"""Arrays of all fields, cell after cell."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,7 +141,7 @@ class Checkpoint:
         if len(set(self.names)) != count or shape.shape != (count, 3):
             message = f"{path}: the saved state has {count} names for {len(shape)} boxes of cells"
             raise ValueError(message)
-        if self.arrays["phi"].shape != (shape.prod(axis=1).sum(),):
+        if not self._fits(shape):
             message = f"{path}: the fields of the saved state do not fit the boxes of its cells"
             raise ValueError(message)
         bad = [
@@ -157,6 +158,21 @@ class Checkpoint:
                 raise ValueError(message)
         if self.back is not None:
             self.back._check(path)
+
+    def _fits(self, shape: NDArray[np.int64]) -> bool:
+        """Whether there are as many values of the fields as the bands, or boxes, say."""
+        low, high, points = (self.arrays[name] for name in ("low", "high", "points"))
+        rows, total = shape[:, :2].prod(axis=1), points.sum()
+        if not len(low) == len(high) == rows.sum() or points.shape != rows.shape:
+            return False
+        spans = np.add.reduceat(high - low, np.cumsum(rows) - rows, dtype=np.int64)
+        inside = (low >= 0).all() and (low <= high).all()
+        inside &= (high <= np.repeat(shape[:, 2], rows)).all()
+        whole = np.array_equal(points, shape.prod(axis=1)) or np.array_equal(points, spans)
+        return bool(
+            inside and whole and (points <= self.arrays["room"]).all()
+            and all(self.arrays[n].shape == (total,) for n in FIELDS if n in self.arrays)
+        )  # fmt: skip
 
     @classmethod
     def _unpacked(cls, arrays: dict[str, Any]) -> "Checkpoint":

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from morphosim._parts import Joined
+from morphosim._parts import Joined, Made
 from morphosim.measure.label_image import label_image
 from morphosim.measure.variable import Variable
 from morphosim.provenance import processor, versions
@@ -190,7 +190,7 @@ def _pairs(state: MeasuredState) -> Values:
 def _fields(state: MeasuredState, packed: bool) -> Values:
     origin, shape = state.boxes
     sizes = shape.prod(axis=1)
-    phi = Joined([field.phi.reshape(-1) for field in state.fields])
+    phi = Joined(Made(lambda field: field.phi.reshape(-1), state.fields), sizes)
     return {
         "row_size": sizes,
         "box_time": np.zeros(len(sizes), np.int32),

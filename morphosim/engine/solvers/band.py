@@ -55,9 +55,9 @@ class BandSolver(FixedSteps):
     def advance(self, state: StepState, most_of_all: MostOfAll) -> None:
         """See `Solver`."""
         step_band(
-            *state._replace(terms=self.with_weights(state.terms)).acting(), state.workspace.found,
-            state.workspace.measured, state.stencil, state.later, state.first, state.limits,
-            state.pool.surveys, state.pool.lost, *state.coupling.uses,
+            *state._replace(terms=self.with_weights(state.terms)).acting(), state.pool.room,
+            state.stencil, state.later, state.first, state.limits, state.pool.surveys,
+            state.pool.lost, *state.coupling.uses,
         )  # fmt: skip
 
     def with_weights(self, terms: CellTerms) -> CellTerms:

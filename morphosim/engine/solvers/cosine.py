@@ -45,7 +45,6 @@ class CosineSolver(FixedSteps):
     def advance(self, state: StepState, most_of_all: MostOfAll) -> None:
         """See `Solver`."""
         step_transform(
-            *state.acting(), state.workspace.found, state.workspace.measured, state.stencil,
-            state.later, state.first, self.tables.arrays, state.limits, state.pool.surveys,
-            *state.coupling.uses,
+            *state.acting(), state.stencil, state.later, state.first, self.tables.arrays,
+            state.limits, state.pool.surveys, *state.coupling.uses,
         )  # fmt: skip

@@ -69,7 +69,7 @@ class LibrarySolver(FixedSteps):
                 task.result()
         accept_all(
             schedule.shares, schedule.order, pool.phi, self._rhs, pool.boxes, state.limits,
-            workspace.found, workspace.measured, pool.surveys,
+            workspace.room, pool.surveys,
         )  # fmt: skip
 
     def _solve(self, cells: Integers, state: StepState, library: BoxTransform) -> None:

@@ -57,14 +57,14 @@ class LinearisedSolver:
         self.before = self.laid = 1 if self._control is None else self._control.first
         self._taken, self._looks, self._crowding = 0, True, 0.0
         self._new = np.zeros(0, dtype)
-        self._rows = np.zeros((0, 2), np.int32)
+        self._low = self._high = np.zeros(0, np.int16)
         self._surveys = np.zeros((0, N_SURVEYED))
         self._changes = np.zeros((0, N_CHANGES))
 
     @property
     def nbytes(self) -> int:
         """See `Solver`."""
-        parts = (self._new, self._rows, self._surveys, self._changes)
+        parts = (self._new, self._low, self._high, self._surveys, self._changes)
         return sum(part.nbytes for part in parts)
 
     @property
@@ -168,8 +168,8 @@ class LinearisedSolver:
         pool, schedule = state.pool, state.schedule
         take_steps(
             schedule.shares, schedule.order, self._target(pool), pool.phi, pool.acting,
-            self._dtype.type(planned / state.ticks), pool.boxes, self._rows, self._surveys,
-            pool.surveys, pool.lost, pool.totals,
+            self._dtype.type(planned / state.ticks), pool.boxes, self._low, self._high,
+            self._surveys, pool.surveys, pool.lost, pool.totals, state.workspace.room,
         )  # fmt: skip
         refused = schedule.order[self._surveys[schedule.order, BAD] > 0]
         pool.forget(refused.tolist())  # where φ* and the new field share a pool, φ* is gone
@@ -183,8 +183,8 @@ class LinearisedSolver:
     def _reserve(self, pool: BoxPool) -> None:
         if self._control is not None and len(self._new) != len(pool.phi):
             self._new = np.zeros(len(pool.phi), self._dtype)
-        if len(self._rows) != len(pool.band):
-            self._rows = np.zeros_like(pool.band)
+        if len(self._low) != len(pool.low):
+            self._low, self._high = np.zeros_like(pool.low), np.zeros_like(pool.high)
         if len(self._changes) != len(pool):
             self._changes = np.zeros((len(pool), N_CHANGES))
             self._surveys = np.zeros((len(pool), N_SURVEYED))
@@ -207,9 +207,9 @@ class LinearisedSolver:
         )
         terms = state.terms._replace(n_iterations=counts, weights=weights)
         try_steps(
-            *state._replace(terms=terms).acting(), state.workspace.found,
-            state.workspace.measured, state.stencil, self._inner, linear, state.limits,
-            self._target(pool), self._rows, self._surveys, self._changes, *state.coupling.uses,
+            *state._replace(terms=terms).acting(), pool.room, state.stencil, self._inner, linear,
+            state.limits, self._target(pool), self._low, self._high, self._surveys, self._changes,
+            *state.coupling.uses,
         )  # fmt: skip
         steepness = np.sqrt(self._c / 2) / 3 / self._numerics.spacing**3  # ∫ φ'² of the profile
         make_whole(self._changes, steepness, pool.cells["target"])

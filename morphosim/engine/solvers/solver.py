@@ -45,7 +45,7 @@ class StepState(NamedTuple):
         return (
             self.schedule.shares, self.schedule.order, pool.phi, pool.history, pool.boxes,
             self.terms, coupling.interaction, coupling.columns, *coupling.pairs,
-            self.workspace.frames,
+            self.workspace.room,
         )  # fmt: skip
 
 

@@ -1,0 +1,287 @@
+"""Rows: which of their points a cell's narrow band has, and where these lie in the pools.
+
+A row is all points of a box with the same x and y. The band has one span [low, high) of it, of at
+least `BLOCK` points, or nothing. A solver that works on the band alone keeps the spans one after
+the other, x slowest: the stretch of the cell. Others keep the whole box, and its rows.
+
+Spans are worked on in blocks of `BLOCK` points: loops of known length have no remainder, and a
+cell's blocks are one list. The last block of a span ends where the span ends, so some points may
+be worked on twice. What is done there must write the same both times.
+"""
+
+import numpy as np
+from numba.core import types
+from numba.extending import intrinsic, overload
+
+from morphosim.kernels._jit import inline_kernel, kernel
+from morphosim.kernels.frames import HALO, frame_index, strides
+
+BLOCK = 16
+"""Points of a block: a cache line of single precision."""
+FRAME, STRETCH = 0, 1
+"""Rows of a list of blocks: where each begins in the cell's frame and in its stretch."""
+OLD_LOW, OLD_HIGH, LOW, HIGH, NEW_LOW, NEW_HIGH, N_SPANS = 0, 1, 2, 3, 4, 5, 6
+"""Rows of a thread's `spans`: the band as it is, what was found of it, and what it is to be."""
+MARGIN = 2 * HALO
+"""Empty planes around the box in such lists."""
+
+
+def whole_rows(shape):
+    """Row tables of boxes (N, 3) that are kept whole, all of them in the band; not a kernel.
+
+    Returns
+    -------
+    row_start, low, high, place : see `layout.Boxes`
+    """
+    counts = shape[:, 0] * shape[:, 1]
+    row_start = np.cumsum(counts) - counts
+    length = np.repeat(shape[:, 2], counts)
+    place = (np.arange(len(length)) - np.repeat(row_start, counts)) * length
+    return (
+        row_start,
+        np.zeros(len(length), np.int16),
+        length.astype(np.int16),
+        place.astype(np.int32),
+    )
+
+
+@inline_kernel()
+def row_number(x, y, i, boxes):
+    """Number of row (x, y) of cell i's box."""
+    return boxes.row_start[i] + x * boxes.shape[i, 1] + y
+
+
+@inline_kernel()
+def row_span(x, y, i, boxes):
+    """Points [low, high) of row (x, y) in the band; low >= high if there are none."""
+    row = row_number(x, y, i, boxes)
+    return np.int64(boxes.low[row]), np.int64(boxes.high[row])
+
+
+@inline_kernel()
+def row_place(x, y, i, boxes):
+    """Index in the pools of point z = 0 of row (x, y), be it in the band or not."""
+    return boxes.start[i] + boxes.place[row_number(x, y, i, boxes)]
+
+
+@inline_kernel()
+def n_blocks(low, high):
+    """Blocks of a span."""
+    return max(high - low + BLOCK - 1, 0) // BLOCK
+
+
+@inline_kernel()
+def block(k, low, high):
+    """First point of the k-th block of a span."""
+    return min(low + k * BLOCK, high - BLOCK)
+
+
+@kernel()
+def list_blocks(i, boxes, whole, blocks):
+    """List the blocks of cell i's band, or of its whole box.
+
+    Parameters
+    ----------
+    blocks : (2, room) int32; its rows are `FRAME` and `STRETCH`
+
+    Returns
+    -------
+    int : number of blocks
+    """
+    sx, sy = strides(i, boxes)
+    n = 0
+    for x in range(boxes.shape[i, 0]):
+        for y in range(boxes.shape[i, 1]):
+            row = row_number(x, y, i, boxes)
+            low, high = np.int64(boxes.low[row]), np.int64(boxes.high[row])
+            if whole:
+                low, high = np.int64(0), boxes.shape[i, 2]
+            goal, place = frame_index(x, y, 0, sx, sy), boxes.place[row]
+            for k in range(n_blocks(low, high)):
+                z = block(k, low, high)
+                blocks[FRAME, n], blocks[STRETCH, n] = goal + z, place + z
+                n += 1
+    return n
+
+
+@kernel()
+def load(pool, first, blocks, n, frame):
+    """Copy a cell's stretch, which begins at `first` in a pool, into its frame."""
+    for k in range(n):
+        source, goal = np.uint64(first + blocks[STRETCH, k]), np.uint64(blocks[FRAME, k])
+        for j in range(np.uint64(BLOCK)):
+            frame[goal + j] = pool[source + j]
+
+
+@kernel()
+def wipe(blocks, n, frame):
+    """Set a frame to 0 again, where a cell's blocks are."""
+    for k in range(n):
+        goal = np.uint64(blocks[FRAME, k])
+        for j in range(np.uint64(BLOCK)):
+            frame[goal + j] = 0
+
+
+@inline_kernel()
+def copy_blocks(source, first, target, goal, count):
+    """Copy a stretch of no or at least `BLOCK` points."""
+    for k in range(n_blocks(0, count)):
+        at = np.uint64(block(k, 0, count))
+        for j in range(np.uint64(BLOCK)):
+            target[goal + at + j] = source[first + at + j]
+
+
+@intrinsic
+def _scan(typing_context, values, first, level):
+    """See `beyond`: one comparison of a whole block, and two counts of zero bits."""
+    real = values.dtype
+
+    def generate(context, builder, signature, arguments):
+        from llvmlite import ir
+
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        number, word = context.get_value_type(real), ir.IntType(32)
+        vector = ir.VectorType(number, BLOCK)
+        at = builder.gep(array.data, [arguments[1]])
+        found = builder.load(builder.bitcast(at, vector.as_pointer()), align=real.bitwidth // 8)
+        size = builder.call(builder.module.declare_intrinsic("llvm.fabs", [vector]), [found])
+        single = ir.Constant(vector, ir.Undefined)
+        single = builder.insert_element(single, arguments[2], word(0))
+        all_ = ir.Constant(ir.VectorType(word, BLOCK), [0] * BLOCK)
+        levels = builder.shuffle_vector(single, ir.Constant(vector, ir.Undefined), all_)
+        larger = builder.fcmp_ordered(">", size, levels)
+        mask = builder.zext(builder.bitcast(larger, ir.IntType(BLOCK)), word)
+        low = builder.cttz(builder.or_(mask, word(1 << BLOCK)), ir.IntType(1)(1))
+        high = builder.sub(word(32), builder.ctlz(mask, ir.IntType(1)(0)))
+        wide = [builder.zext(value, ir.IntType(64)) for value in (low, high)]
+        return context.make_tuple(builder, signature.return_type, wide)
+
+    return types.UniTuple(types.int64, 2)(values, types.uint64, real), generate
+
+
+def beyond(values, first, level):
+    """First and last but one of a block's points with |value| > level; `BLOCK` and 0 if none is."""
+    found = np.flatnonzero(np.abs(values[int(first) : int(first) + BLOCK]) > level)
+    return (int(found[0]), int(found[-1]) + 1) if len(found) else (BLOCK, 0)
+
+
+@overload(beyond)
+def _beyond_of_block(values, first, level):
+    return lambda values, first, level: _scan(values, np.uint64(first), values.dtype.type(level))
+
+
+@inline_kernel()
+def listed(x, y, ny):
+    """Place of row (x, y) in a thread's `spans`, around which there are empty ones."""
+    return (x + MARGIN) * (ny + 2 * HALO) + y + HALO
+
+
+@inline_kernel()
+def n_listed(nx, ny):
+    """Length of such a list."""
+    return (nx + 2 * MARGIN) * (ny + 2 * HALO)
+
+
+@kernel()
+def list_spans(i, boxes, spans):
+    """Write the band of cell i into `spans` OLD_LOW and OLD_HIGH."""
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    low, high = spans[OLD_LOW], spans[OLD_HIGH]
+    for k in range(np.uint64(n_listed(nx, ny))):
+        low[k], high[k] = nz, 0
+    for x in range(nx):
+        first, goal = row_number(x, 0, i, boxes), listed(x, 0, ny)
+        for y in range(ny):
+            if boxes.low[first + y] < boxes.high[first + y]:
+                low[goal + y], high[goal + y] = boxes.low[first + y], boxes.high[first + y]
+
+
+@kernel()
+def spread(first, count, across, low, high, least, most):
+    """Points of rows in one plane that stencils read, from those that they work on."""
+    for k in range(first, first + np.uint64(count)):
+        z0, z1 = low[k] - HALO, high[k] + HALO
+        if low[k] >= high[k]:
+            z0, z1 = np.int64(low[k]), np.int64(high[k])
+        for n in range(1, HALO + 1):
+            up, far = np.uint64(n), np.uint64(n * across)
+            z0 = min(z0, low[k - up], low[k + up], low[k - far], low[k + far])
+            z1 = max(z1, high[k - up], high[k + up], high[k - far], high[k + far])
+        least[k], most[k] = z0, z1
+
+
+@kernel()
+def reach(i, boxes, spans):
+    """Write the points of each row that stencils on the band read into NEW_LOW and NEW_HIGH."""
+    nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
+    for x in range(-HALO, nx + HALO):
+        spread(
+            np.uint64(listed(x, -HALO, ny)), ny + 2 * HALO, ny + 2 * HALO, spans[OLD_LOW],
+            spans[OLD_HIGH], spans[NEW_LOW], spans[NEW_HIGH],
+        )  # fmt: skip
+
+
+@kernel()
+def covered(i, boxes, spans):
+    """Points whose neighbours along x, y and z are all in the band, into NEW_LOW and NEW_HIGH."""
+    nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
+    low, high, least, most = spans[OLD_LOW], spans[OLD_HIGH], spans[NEW_LOW], spans[NEW_HIGH]
+    up, far = np.uint64(1), np.uint64(ny + 2 * HALO)
+    for x in range(nx):
+        first = np.uint64(listed(x, 0, ny))
+        for k in range(first, first + np.uint64(ny)):
+            least[k] = max(low[k] + 1, low[k - up], low[k + up], low[k - far], low[k + far])
+            most[k] = min(high[k] - 1, high[k - up], high[k + up], high[k - far], high[k + far])
+
+
+@kernel()
+def widen(i, boxes, guard, spans):
+    """Spans of the band, `guard` points wider along x, y and z than LOW and HIGH; at least a block.
+
+    They go into NEW_LOW and NEW_HIGH; where there are none, both are 0. Returns the number of
+    points.
+    """
+    nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
+    low, high, new_low, new_high = spans[LOW], spans[HIGH], spans[NEW_LOW], spans[NEW_HIGH]
+    total = np.int64(0)
+    for x in range(nx):
+        total += widen_plane(
+            np.uint64(listed(x, 0, ny)), ny, nz, np.uint64(ny + 2 * HALO), guard, low, high,
+            new_low, new_high,
+        )  # fmt: skip
+    return total
+
+
+@kernel()
+def widen_plane(first, ny, nz, far, guard, low, high, new_low, new_high):
+    """`widen` of one plane."""
+    up = np.uint64(1)
+    total = np.int64(0)
+    for k in range(first, first + np.uint64(ny)):
+        z0, z1 = np.int64(low[k]), np.int64(high[k])
+        if z0 < z1:
+            z0, z1 = z0 - guard, z1 + guard
+        if guard > 0:
+            z0 = min(z0, low[k - up], low[k + up], low[k - far], low[k + far])
+            z1 = max(z1, high[k - up], high[k + up], high[k - far], high[k + far])
+        z0, z1 = max(z0, 0), min(z1, nz)
+        count = max(z1 - z0, 0)
+        length = max(count, BLOCK) if count > 0 else 0
+        z0 = min(max(z0 - (length - count) // 2, 0), nz - length) if count > 0 else 0
+        new_low[k], new_high[k] = z0, z0 + length
+        total += length
+    return total
+
+
+@kernel()
+def settle_rows(i, boxes, spans):
+    """Make NEW_LOW and NEW_HIGH the band of cell i, whose spans follow one another."""
+    ny = boxes.shape[i, 1]
+    place = np.int64(0)
+    for x in range(boxes.shape[i, 0]):
+        first, source = row_number(x, 0, i, boxes), listed(x, 0, ny)
+        for y in range(ny):
+            low, high = spans[NEW_LOW, source + y], spans[NEW_HIGH, source + y]
+            boxes.low[first + y], boxes.high[first + y] = low, high
+            boxes.place[first + y] = place - low
+            place += high - low
