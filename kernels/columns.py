@@ -17,10 +17,12 @@ from morphosim.kernels.rows import (
     NEW_HIGH,
     NEW_LOW,
     block,
+    combine,
     list_spans,
     listed,
     n_blocks,
     reach,
+    row_number,
     row_place,
     row_span,
 )
@@ -39,27 +41,26 @@ def row_of(x, y):
 
 
 @inline_kernel()
-def add_points(phi, source, count, g, repulsion, target, potential, target_potential):
-    """Add g φ² and φ of so many points."""
-    for k in range(np.uint64(count)):
-        value = phi[source + k]
-        repulsion[target + k] += g * value * value
+def add_blocks(phi, source, count, g, repulsion, target, potential, target_potential):
+    """Add g φ² and φ of a span of so many points."""
+    one = phi.dtype.type(1)
+    for k in range(n_blocks(0, count)):
+        at = block(k, 0, count)
+        skip, p, t = k * BLOCK - at, source + at, target + at
+        combine(repulsion, t, skip, one, repulsion, t, g, phi, p, 2)
         if potential is not None:
-            potential[target_potential + k] += value
+            t = target_potential + at
+            combine(potential, t, skip, one, potential, t, one, phi, p, 1)
 
 
 @inline_kernel()
-def add_span(phi, source, count, g, repulsion, target, potential, target_potential):
-    """Add g φ² and φ of a span: whole blocks, and what is left."""
-    whole = np.uint64(count & ~(BLOCK - 1))
-    for at in range(np.uint64(0), whole, np.uint64(BLOCK)):
-        add_points(
-            phi, source + at, BLOCK, g, repulsion, target + at, potential, target_potential + at
-        )
-    add_points(
-        phi, source + whole, np.uint64(count) - whole, g, repulsion, target + whole, potential,
-        target_potential + whole,
-    )  # fmt: skip
+def add_points(phi, source, count, g, repulsion, target, potential, target_potential):
+    """Add g φ² and φ of less than a block: of a ghost cell, of which a part is known."""
+    for k in range(np.uint64(count)):
+        value = phi[np.uint64(source) + k]
+        repulsion[np.uint64(target) + k] += g * value * value
+        if potential is not None:
+            potential[np.uint64(target_potential) + k] += value
 
 
 @kernel()
@@ -67,16 +68,25 @@ def add_cell(i, corner, length, phi, boxes, g, repulsion, first, potential, pote
     """Add the band of cell i to the column whose lower corner is `corner`."""
     ox, oy, oz = boxes.origin[i, 0], boxes.origin[i, 1], boxes.origin[i, 2]
     nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
+    y0, y1 = max(corner[1], oy), min(corner[1] + WIDTH, oy + ny)
     for x in range(max(corner[0], ox), min(corner[0] + WIDTH, ox + nx)):
-        for y in range(max(corner[1], oy), min(corner[1] + WIDTH, oy + ny)):
-            low, high = row_span(x - ox, y - oy, i, boxes)
-            if low < high:
-                offset = row_of(x, y) * length + oz - corner[2] + low
-                add_span(
-                    phi, np.uint64(row_place(x - ox, y - oy, i, boxes) + low), high - low, g,
-                    repulsion, np.uint64(first + offset),
-                    potential, np.uint64(potential_first + offset),
+        row = row_number(x - ox, y0 - oy, i, boxes)
+        line = row_of(x, y0) * length + oz - corner[2]
+        for _ in range(y0, y1):
+            low, high = np.int64(boxes.low[row]), np.int64(boxes.high[row])
+            offset, source = line + low, boxes.start[i] + boxes.place[row] + low
+            if high - low >= BLOCK:
+                add_blocks(
+                    phi, source, high - low, g, repulsion, first + offset, potential,
+                    potential_first + offset,
                 )  # fmt: skip
+            elif high > low:
+                add_points(
+                    phi, source, high - low, g, repulsion, first + offset, potential,
+                    potential_first + offset,
+                )  # fmt: skip
+            row += 1
+            line += length
 
 
 @kernel()
@@ -160,36 +170,15 @@ def accumulate(shares, lists, phi, boxes, interaction, columns):
 
 
 @inline_kernel()
-def read_repulsion(sums, first, phi, p, own_g, repulsion, q):
-    """R of a block: the column's sum less the cell's own g φ²."""
-    for j in range(np.uint64(BLOCK)):
-        repulsion[q + j] = sums[first + j] - own_g * phi[p + j] * phi[p + j]
-
-
-@inline_kernel()
-def read_own_potential(sums, first, phi, p, weight, own_weight, psi):
-    """ψ of a block by the cell's own type: σ Σ φ less the cell's own share."""
-    for j in range(np.uint64(BLOCK)):
-        psi[p + j] = weight * sums[first + j] - own_weight * phi[p + j]
-
-
-@inline_kernel()
-def add_potential(sums, first, p, weight, psi):
-    """Add σ Σ φ of another type, or of pairs."""
-    for j in range(np.uint64(BLOCK)):
-        psi[p + j] += weight * sums[first + j]
-
-
-@inline_kernel()
 def clear_block(values, p):
     """Set a block to 0."""
     for j in range(np.uint64(BLOCK)):
-        values[p + j] = 0
+        values[np.uint64(p) + j] = 0
 
 
 @inline_kernel()
 def read_psi(place, points, own, share, pull, potential, phi, p, psi):
-    """ψ by cell types of one block of a frame.
+    """ψ by cell types of one block of a frame: σ Σ φ less the cell's own share.
 
     It is at `place` in the sums of the first type; each type has `points`. `share` is 1 if the cell
     itself is in the sums of this row, else 0.
@@ -198,12 +187,12 @@ def read_psi(place, points, own, share, pull, potential, phi, p, psi):
         clear_block(psi, p)
     else:
         weight = pull[own, own]
-        source = np.uint64(place + own * points)
-        read_own_potential(potential, source, phi, p, weight, share * weight, psi)
+        combine(psi, p, 0, weight, potential, place + own * points, -share * weight, phi, p, 1)
         for t in range(pull.shape[0]):
             weight = pull[t, own]
             if t != own and weight != 0:
-                add_potential(potential, np.uint64(place + t * points), p, weight, psi)
+                one = psi.dtype.type(1)
+                combine(psi, p, 0, one, psi, p, weight, potential, place + t * points, 1)
 
 
 @inline_kernel()
@@ -239,6 +228,7 @@ def gather(
     own, cover, n_types = interaction.types[i], columns.cover, interaction.pull.shape[0]
     columns_y = ((oy + ny + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
     pulled = pair_potential is not None and pairs_start[i] >= 0
+    zero, one = phi.dtype.type(0), phi.dtype.type(1)
     if psi is not None and not whole:
         list_spans(i, boxes, spans)
         reach(i, boxes, spans)
@@ -246,31 +236,36 @@ def gather(
         lx = ox + HALO + x
         column = columns.cover_start[i] + ((lx >> SHIFT) - (ox >> SHIFT)) * columns_y
         for y in range(-HALO, ny + HALO):
+            r0, r1, p0, p1 = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+            share, place = zero, np.int64(0)
+            if 0 <= x < nx and 0 <= y < ny:
+                r0, r1 = row_span(x, y, i, boxes)
+                share = one if r0 < r1 else zero
+                if whole:
+                    r0, r1 = np.int64(0), nz
+                place = row_place(x, y, i, boxes) - boxes.start[i]
+            if psi is not None:
+                p0, p1 = span_read(x, y, i, boxes, whole, spans)
+            if r0 >= r1 and p0 >= p1:
+                continue
             ly = oy + HALO + y
             k = column + (ly >> SHIFT) - (oy >> SHIFT)
-            first, length, row = cover[k, 0], cover[k, 1], row_of(lx, ly) * cover[k, 1]
-            z = row + cover[k, 2] + HALO
-            line, share = frame_index(x, y, 0, sx, sy), phi.dtype.type(0)
-            if 0 <= x < nx and 0 <= y < ny:
-                low, high = row_span(x, y, i, boxes)
-                share = phi.dtype.type(low < high)
-                if whole:
-                    low, high = np.int64(0), nz
-                place = row_place(x, y, i, boxes) - boxes.start[i]
-                for b in range(n_blocks(low, high)):
-                    at = block(b, low, high)
-                    if first >= 0:
-                        read_repulsion(
-                            columns.repulsion, np.uint64(first + z + at), phi, np.uint64(line + at),
-                            share * interaction.g, repulsion, np.uint64(place + at),
-                        )  # fmt: skip
-                    else:
-                        clear_block(repulsion, np.uint64(place + at))
+            first, length, line = cover[k, 0], cover[k, 1], frame_index(x, y, 0, sx, sy)
+            z = row_of(lx, ly) * length + cover[k, 2] + HALO
+            own_g = -share * interaction.g
+            for b in range(n_blocks(r0, r1)):
+                at = block(b, r0, r1)
+                if first >= 0:
+                    combine(
+                        repulsion, place + at, 0, one, columns.repulsion, first + z + at, own_g,
+                        phi, line + at, 2,
+                    )  # fmt: skip
+                else:
+                    clear_block(repulsion, place + at)
             if psi is not None:
-                low, high = span_read(x, y, i, boxes, whole, spans)
-                for b in range(n_blocks(low, high)):
-                    at = block(b, low, high)
-                    p = np.uint64(line + at)
+                for b in range(n_blocks(p0, p1)):
+                    at = block(b, p0, p1)
+                    p = line + at
                     if first >= 0:
                         read_psi(
                             first * n_types + z + at, ROWS * length, own, share, interaction.pull,
@@ -279,5 +274,4 @@ def gather(
                     else:
                         clear_block(psi, p)
                     if pair_potential is not None and pulled:
-                        source = np.uint64(pairs_start[i]) + p
-                        add_potential(pair_potential, source, p, phi.dtype.type(1), psi)
+                        combine(psi, p, 0, one, psi, p, one, pair_potential, pairs_start[i] + p, 1)

@@ -10,6 +10,7 @@ be worked on twice. What is done there must write the same both times.
 """
 
 import numpy as np
+from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, overload
 
@@ -66,8 +67,9 @@ def row_place(x, y, i, boxes):
 
 @inline_kernel()
 def n_blocks(low, high):
-    """Blocks of a span."""
-    return max(high - low + BLOCK - 1, 0) // BLOCK
+    """Blocks of a span, of which there are two at least: most spans have two, and if all that are
+    not longer take as many, processors need not guess."""
+    return max((high - low + BLOCK - 1) // BLOCK, 2) if low < high else 0
 
 
 @inline_kernel()
@@ -97,7 +99,7 @@ def list_blocks(i, boxes, whole, blocks):
             if whole:
                 low, high = np.int64(0), boxes.shape[i, 2]
             goal, place = frame_index(x, y, 0, sx, sy), boxes.place[row]
-            for k in range(n_blocks(low, high)):
+            for k in range(max(high - low + BLOCK - 1, 0) // BLOCK):
                 z = block(k, low, high)
                 blocks[FRAME, n], blocks[STRETCH, n] = goal + z, place + z
                 n += 1
@@ -131,28 +133,43 @@ def copy_blocks(source, first, target, goal, count):
             target[goal + at + j] = source[first + at + j]
 
 
+WORD = ir.IntType(32)
+
+
+def _vector(context, real):
+    """Type of a block in LLVM."""
+    return ir.VectorType(context.get_value_type(real), BLOCK)
+
+
+def _spread_out(builder, number, vector):
+    """Block of one number."""
+    single = builder.insert_element(ir.Constant(vector, ir.Undefined), number, WORD(0))
+    everywhere = ir.Constant(ir.VectorType(WORD, BLOCK), [0] * BLOCK)
+    return builder.shuffle_vector(single, ir.Constant(vector, ir.Undefined), everywhere)
+
+
+def _pointer(context, builder, kind, values, first):
+    """Where a block of an array begins."""
+    array = context.make_array(kind)(context, builder, values)
+    at = builder.gep(array.data, [first])
+    return builder.bitcast(at, _vector(context, kind.dtype).as_pointer())
+
+
 @intrinsic
 def _scan(typing_context, values, first, level):
     """See `beyond`: one comparison of a whole block, and two counts of zero bits."""
-    real = values.dtype
+    real, align = values.dtype, values.dtype.bitwidth // 8
 
     def generate(context, builder, signature, arguments):
-        from llvmlite import ir
-
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        number, word = context.get_value_type(real), ir.IntType(32)
-        vector = ir.VectorType(number, BLOCK)
-        at = builder.gep(array.data, [arguments[1]])
-        found = builder.load(builder.bitcast(at, vector.as_pointer()), align=real.bitwidth // 8)
-        size = builder.call(builder.module.declare_intrinsic("llvm.fabs", [vector]), [found])
-        single = ir.Constant(vector, ir.Undefined)
-        single = builder.insert_element(single, arguments[2], word(0))
-        all_ = ir.Constant(ir.VectorType(word, BLOCK), [0] * BLOCK)
-        levels = builder.shuffle_vector(single, ir.Constant(vector, ir.Undefined), all_)
-        larger = builder.fcmp_ordered(">", size, levels)
-        mask = builder.zext(builder.bitcast(larger, ir.IntType(BLOCK)), word)
-        low = builder.cttz(builder.or_(mask, word(1 << BLOCK)), ir.IntType(1)(1))
-        high = builder.sub(word(32), builder.ctlz(mask, ir.IntType(1)(0)))
+        vector = _vector(context, real)
+        at = _pointer(context, builder, values, arguments[0], arguments[1])
+        found, level = builder.load(at, align=align), arguments[2]
+        above = builder.fcmp_ordered(">", found, _spread_out(builder, level, vector))
+        below = builder.fcmp_ordered("<", found, _spread_out(builder, builder.fneg(level), vector))
+        bits = builder.bitcast(builder.or_(above, below), ir.IntType(BLOCK))
+        mask = builder.zext(bits, WORD)
+        low = builder.cttz(builder.or_(mask, WORD(1 << BLOCK)), ir.IntType(1)(1))
+        high = builder.sub(WORD(32), builder.ctlz(mask, ir.IntType(1)(0)))
         wide = [builder.zext(value, ir.IntType(64)) for value in (low, high)]
         return context.make_tuple(builder, signature.return_type, wide)
 
@@ -165,9 +182,69 @@ def beyond(values, first, level):
     return (int(found[0]), int(found[-1]) + 1) if len(found) else (BLOCK, 0)
 
 
-@overload(beyond)
+@overload(beyond, jit_options={"forceinline": True})
 def _beyond_of_block(values, first, level):
     return lambda values, first, level: _scan(values, np.uint64(first), values.dtype.type(level))
+
+
+@intrinsic
+def _combine(typing_context, target, goal, skip, a, x, at_x, b, y, at_y, power):
+    """See `combine`: vectors, which LLVM does not make of so short a loop."""
+    real, align = target.dtype, target.dtype.bitwidth // 8
+
+    def generate(context, builder, signature, arguments):
+        vector, contract = _vector(context, real), ("contract",)
+        goal, at_x, at_y = (
+            _pointer(context, builder, signature.args[k], arguments[k], arguments[k + 1])
+            for k in (0, 4, 7)
+        )
+        lanes = ir.VectorType(WORD, BLOCK)
+        number = ir.Constant(lanes, list(range(BLOCK)))
+        skipped = _spread_out(builder, builder.trunc(arguments[2], WORD), lanes)
+        part = builder.select(
+            builder.icmp_signed("<", number, skipped), ir.Constant(vector, None),
+            builder.load(at_y, align=align),
+        )  # fmt: skip
+        square = builder.fmul(part, part, flags=contract)
+        part = builder.select(
+            builder.icmp_signed("==", arguments[9], ir.Constant(arguments[9].type, 2)), square, part
+        )
+        weights = [_spread_out(builder, arguments[k], vector) for k in (3, 6)]
+        first = builder.fmul(builder.load(at_x, align=align), weights[0], flags=contract)
+        total = builder.fadd(first, builder.fmul(part, weights[1], flags=contract), flags=contract)
+        builder.store(total, goal, align=align)
+
+    at = types.uint64
+    signature = types.void(target, at, types.int64, real, x, at, real, y, at, types.int64)
+    return signature, generate
+
+
+def combine(target, goal, skip, a, x, at_x, b, y, at_y, power):
+    """Write a x + b y, or a x + b y², of a block into the target.
+
+    Parameters
+    ----------
+    target, goal : 1-D array, updated, and where the block begins in it
+    skip : first points of the block whose y is taken to be 0
+    a, b : numbers in the type of the fields
+    x, at_x, y, at_y : 1-D arrays, and where the blocks begin in them
+    power : 1 or 2, of y
+    """
+    other = y[int(at_y) : int(at_y) + BLOCK] ** power
+    other[:skip] = 0
+    target[int(goal) : int(goal) + BLOCK] = a * x[int(at_x) : int(at_x) + BLOCK] + b * other
+
+
+@overload(combine, jit_options={"forceinline": True})
+def _combine_blocks(target, goal, skip, a, x, at_x, b, y, at_y, power):
+    def combined(target, goal, skip, a, x, at_x, b, y, at_y, power):
+        real = target.dtype.type
+        _combine(
+            target, np.uint64(goal), np.int64(skip), real(a), x, np.uint64(at_x), real(b), y,
+            np.uint64(at_y), np.int64(power),
+        )  # fmt: skip
+
+    return combined
 
 
 @inline_kernel()

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 Rows = NDArray[np.int64]
 RESERVED = frozenset(
-    {
+    [
         "phi",
         "history",
         "low",
@@ -26,7 +26,7 @@ RESERVED = frozenset(
         "facts",
         "rows",
         "file",
-    }  # fmt: skip
+    ]
 )
 """Names that checkpoints and ranks use for other things than columns."""
 

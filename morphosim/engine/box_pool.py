@@ -307,10 +307,12 @@ class BoxPool:
         chosen = (np.arange(len(self)) if cells is None else cells).tolist()
         stretches, rows = [self.stretch(i) for i in chosen], [self.rows_of(i) for i in chosen]
         points = np.array([s.stop - s.start for s in stretches], np.int64)
-        return {name: Joined([pool[s] for s in stretches]) for name, pool in held.items()} | {
-            "low": Joined([self.low[r] for r in rows]), "high": Joined([self.high[r] for r in rows]),
-            "points": Joined([points]),
-        }  # fmt: skip
+        bands = {"low": self.low, "high": self.high}
+        return (
+            {name: Joined([pool[part] for part in stretches]) for name, pool in held.items()}
+            | {name: Joined([values[part] for part in rows]) for name, values in bands.items()}
+            | {"points": Joined([points])}
+        )
 
     def restore(self, contents: Mapping[str, InParts]) -> None:
         """Hold exactly the boxes that the table says, with the fields of `contents`."""
@@ -458,7 +460,7 @@ class BoxPool:
             )
 
     def _take(self, cells: Integers, sizes: Integers) -> None:
-        """Give cells room for so many points, and as a rule some more, instead of what they have."""
+        """Give cells other room, for so many points, and for bands to change."""
         self._vacate(cells)
         if self.band_only:
             sizes = sizes + sizes // SPARE
