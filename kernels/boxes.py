@@ -13,7 +13,7 @@ from morphosim.kernels.rows import (
     NEW_LOW,
     beyond,
     block,
-    copy_blocks,
+    copy_span,
     covered,
     list_spans,
     listed,
@@ -195,7 +195,7 @@ def survey_rows(i, boxes, values, first, limits, spans, out):
     """
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
     face = edge = values.dtype.type(0)
-    list_spans(i, boxes, spans)
+    list_spans(i, boxes, False, spans)
     covered(i, boxes, spans)
     for k in range(np.uint64(n_listed(nx, ny))):
         spans[LOW, k], spans[HIGH, k] = nz, 0
@@ -239,7 +239,8 @@ def relay(i, boxes, spans, values, target):
             new_low, new_high = np.int64(spans[NEW_LOW, k]), np.int64(spans[NEW_HIGH, k])
             row = np.int64(boxes.place[row_number(x, y, i, boxes)])
             if low == new_low and high == new_high:
-                copy_blocks(values, np.uint64(row + low), target, np.uint64(goal), high - low)
+                if low < high:
+                    copy_span(values, row + low, target, goal, high - low)
             else:
                 lost += relay_row(row, low, high, new_low, new_high, values, goal, target)
             goal += new_high - new_low

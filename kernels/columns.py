@@ -16,15 +16,14 @@ from morphosim.kernels.rows import (
     BLOCK,
     NEW_HIGH,
     NEW_LOW,
-    block,
-    combine,
+    add_ends,
     list_spans,
     listed,
-    n_blocks,
     reach,
     row_number,
     row_place,
     row_span,
+    write_block,
 )
 from morphosim.kernels.sharing import offer, turns
 
@@ -41,26 +40,30 @@ def row_of(x, y):
 
 
 @inline_kernel()
-def add_blocks(phi, source, count, g, repulsion, target, potential, target_potential):
-    """Add g φ² and φ of a span of so many points."""
-    one = phi.dtype.type(1)
-    for k in range(n_blocks(0, count)):
-        at = block(k, 0, count)
-        skip, p, t = k * BLOCK - at, source + at, target + at
-        combine(repulsion, t, skip, one, repulsion, t, g, phi, p, 2)
-        if potential is not None:
-            t = target_potential + at
-            combine(potential, t, skip, one, potential, t, one, phi, p, 1)
-
-
-@inline_kernel()
 def add_points(phi, source, count, g, repulsion, target, potential, target_potential):
-    """Add g φ² and φ of less than a block: of a ghost cell, of which a part is known."""
-    for k in range(np.uint64(count)):
+    """Add g φ² and φ of so many points."""
+    for k in range(np.uint64(max(count, 0))):
         value = phi[np.uint64(source) + k]
         repulsion[np.uint64(target) + k] += g * value * value
         if potential is not None:
             potential[np.uint64(target_potential) + k] += value
+
+
+@inline_kernel()
+def add_span(phi, source, count, g, repulsion, target, potential, target_potential):
+    """Add g φ² and φ of a span."""
+    last = count - BLOCK
+    if last < 0:  # of a ghost cell, of which a part is known
+        add_points(phi, source, count, g, repulsion, target, potential, target_potential)
+        return
+    add_ends(repulsion, target, last, g, phi, source, 2)
+    if potential is not None:
+        add_ends(potential, target_potential, last, phi.dtype.type(1), phi, source, 1)
+    if last > BLOCK:
+        add_points(
+            phi, source + BLOCK, last - BLOCK, g, repulsion, target + BLOCK, potential,
+            target_potential + BLOCK,
+        )  # fmt: skip
 
 
 @kernel()
@@ -75,13 +78,8 @@ def add_cell(i, corner, length, phi, boxes, g, repulsion, first, potential, pote
         for _ in range(y0, y1):
             low, high = np.int64(boxes.low[row]), np.int64(boxes.high[row])
             offset, source = line + low, boxes.start[i] + boxes.place[row] + low
-            if high - low >= BLOCK:
-                add_blocks(
-                    phi, source, high - low, g, repulsion, first + offset, potential,
-                    potential_first + offset,
-                )  # fmt: skip
-            elif high > low:
-                add_points(
+            if low < high:
+                add_span(
                     phi, source, high - low, g, repulsion, first + offset, potential,
                     potential_first + offset,
                 )  # fmt: skip
@@ -177,22 +175,38 @@ def clear_block(values, p):
 
 
 @inline_kernel()
-def read_psi(place, points, own, share, pull, potential, phi, p, psi):
-    """ψ by cell types of one block of a frame: σ Σ φ less the cell's own share.
+def read_block(first, z, sums, own_g, phi, p, repulsion, q):
+    """R of one block: the column's sum less the cell's own g φ²; 0 where there is no column."""
+    if first >= 0:
+        write_block(repulsion, q, phi.dtype.type(1), sums, first + z, own_g, phi, p, 2)
+    else:
+        clear_block(repulsion, q)
 
-    It is at `place` in the sums of the first type; each type has `points`. `share` is 1 if the cell
-    itself is in the sums of this row, else 0.
-    """
+
+@inline_kernel()
+def read_own(first, z, weight, own_weight, potential, phi, p, psi):
+    """ψ of one block of a frame by the cell's own type: σ Σ φ less the cell's own share."""
     if potential is None:
         clear_block(psi, p)
+    elif first >= 0:
+        write_block(psi, p, weight, potential, first + z, -own_weight, phi, p, 1)
     else:
-        weight = pull[own, own]
-        combine(psi, p, 0, weight, potential, place + own * points, -share * weight, phi, p, 1)
-        for t in range(pull.shape[0]):
-            weight = pull[t, own]
-            if t != own and weight != 0:
-                one = psi.dtype.type(1)
-                combine(psi, p, 0, one, psi, p, weight, potential, place + t * points, 1)
+        clear_block(psi, p)
+
+
+@kernel()
+def add_scaled(weight, sums, first, count, psi, p):
+    """Add σ Σ φ of another type, or of pairs, along a row."""
+    for k in range(np.uint64(count)):
+        psi[np.uint64(p) + k] += weight * sums[np.uint64(first) + k]
+
+
+@kernel()
+def add_others(own, pull, points, potential, first, count, psi, p):
+    """Add σ Σ φ of all other types along a row; it begins at `first` in the sums of the first."""
+    for t in range(pull.shape[0]):
+        if t != own and pull[t, own] != 0:
+            add_scaled(pull[t, own], potential, first + t * points, count, psi, p)
 
 
 @inline_kernel()
@@ -226,11 +240,12 @@ def gather(
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
     sx, sy = strides(i, boxes)
     own, cover, n_types = interaction.types[i], columns.cover, interaction.pull.shape[0]
+    pull = interaction.pull[own, own]
     columns_y = ((oy + ny + 2 * HALO - 1) >> SHIFT) - (oy >> SHIFT) + 1
     pulled = pair_potential is not None and pairs_start[i] >= 0
     zero, one = phi.dtype.type(0), phi.dtype.type(1)
     if psi is not None and not whole:
-        list_spans(i, boxes, spans)
+        list_spans(i, boxes, True, spans)
         reach(i, boxes, spans)
     for x in range(-HALO, nx + HALO):
         lx = ox + HALO + x
@@ -253,25 +268,35 @@ def gather(
             first, length, line = cover[k, 0], cover[k, 1], frame_index(x, y, 0, sx, sy)
             z = row_of(lx, ly) * length + cover[k, 2] + HALO
             own_g = -share * interaction.g
-            for b in range(n_blocks(r0, r1)):
-                at = block(b, r0, r1)
-                if first >= 0:
-                    combine(
-                        repulsion, place + at, 0, one, columns.repulsion, first + z + at, own_g,
-                        phi, line + at, 2,
+            if r0 < r1:
+                for at in range(r0 + BLOCK, r1 - BLOCK, BLOCK):
+                    read_block(
+                        first, z + at, columns.repulsion, own_g, phi, line + at, repulsion,
+                        place + at,
                     )  # fmt: skip
-                else:
-                    clear_block(repulsion, place + at)
-            if psi is not None:
-                for b in range(n_blocks(p0, p1)):
-                    at = block(b, p0, p1)
-                    p = line + at
-                    if first >= 0:
-                        read_psi(
-                            first * n_types + z + at, ROWS * length, own, share, interaction.pull,
-                            columns.potential, phi, p, psi,
-                        )  # fmt: skip
-                    else:
-                        clear_block(psi, p)
-                    if pair_potential is not None and pulled:
-                        combine(psi, p, 0, one, psi, p, one, pair_potential, pairs_start[i] + p, 1)
+                for at in (r0, r1 - BLOCK):
+                    read_block(
+                        first, z + at, columns.repulsion, own_g, phi, line + at, repulsion,
+                        place + at,
+                    )  # fmt: skip
+            if psi is not None and p0 < p1:
+                own_first = first * n_types + own * ROWS * length if first >= 0 else first
+                for at in range(p0 + BLOCK, p1 - BLOCK, BLOCK):
+                    read_own(
+                        own_first, z + at, pull, share * pull, columns.potential, phi, line + at,
+                        psi,
+                    )  # fmt: skip
+                for at in (p0, p1 - BLOCK):
+                    read_own(
+                        own_first, z + at, pull, share * pull, columns.potential, phi, line + at,
+                        psi,
+                    )  # fmt: skip
+                if n_types > 1 and first >= 0:
+                    add_others(
+                        own, interaction.pull, ROWS * length, columns.potential,
+                        first * n_types + z + p0, p1 - p0, psi, line + p0,
+                    )  # fmt: skip
+                if pair_potential is not None and pulled:
+                    add_scaled(
+                        one, pair_potential, pairs_start[i] + line + p0, p1 - p0, psi, line + p0
+                    )

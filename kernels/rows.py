@@ -67,9 +67,8 @@ def row_place(x, y, i, boxes):
 
 @inline_kernel()
 def n_blocks(low, high):
-    """Blocks of a span, of which there are two at least: most spans have two, and if all that are
-    not longer take as many, processors need not guess."""
-    return max((high - low + BLOCK - 1) // BLOCK, 2) if low < high else 0
+    """Blocks of a span."""
+    return max(high - low + BLOCK - 1, 0) // BLOCK
 
 
 @inline_kernel()
@@ -99,7 +98,7 @@ def list_blocks(i, boxes, whole, blocks):
             if whole:
                 low, high = np.int64(0), boxes.shape[i, 2]
             goal, place = frame_index(x, y, 0, sx, sy), boxes.place[row]
-            for k in range(max(high - low + BLOCK - 1, 0) // BLOCK):
+            for k in range(n_blocks(low, high)):
                 z = block(k, low, high)
                 blocks[FRAME, n], blocks[STRETCH, n] = goal + z, place + z
                 n += 1
@@ -125,12 +124,19 @@ def wipe(blocks, n, frame):
 
 
 @inline_kernel()
-def copy_blocks(source, first, target, goal, count):
-    """Copy a stretch of no or at least `BLOCK` points."""
-    for k in range(n_blocks(0, count)):
-        at = np.uint64(block(k, 0, count))
-        for j in range(np.uint64(BLOCK)):
-            target[goal + at + j] = source[first + at + j]
+def copy_block(source, first, target, goal):
+    """Copy a block."""
+    for j in range(np.uint64(BLOCK)):
+        target[np.uint64(goal) + j] = source[np.uint64(first) + j]
+
+
+@inline_kernel()
+def copy_span(source, first, target, goal, count):
+    """Copy a span, of at least a block: most have no blocks but the first and the last."""
+    for at in range(BLOCK, count - BLOCK, BLOCK):
+        copy_block(source, first + at, target, goal + at)
+    copy_block(source, first, target, goal)
+    copy_block(source, first + count - BLOCK, target, goal + count - BLOCK)
 
 
 WORD = ir.IntType(32)
@@ -187,64 +193,113 @@ def _beyond_of_block(values, first, level):
     return lambda values, first, level: _scan(values, np.uint64(first), values.dtype.type(level))
 
 
+def _power(builder, part, power):
+    """Block, or its square if `power` is 2."""
+    square = builder.fmul(part, part, flags=("contract",))
+    is_square = builder.icmp_signed("==", power, ir.Constant(power.type, 2))
+    return builder.select(is_square, square, part)
+
+
+def _sum(builder, x, part, weight, power):
+    """Block x + weight part^power."""
+    product = builder.fmul(_power(builder, part, power), weight, flags=("contract",))
+    return builder.fadd(x, product, flags=("contract",))
+
+
 @intrinsic
-def _combine(typing_context, target, goal, skip, a, x, at_x, b, y, at_y, power):
-    """See `combine`: vectors, which LLVM does not make of so short a loop."""
-    real, align = target.dtype, target.dtype.bitwidth // 8
+def _write_block(typing_context, target, goal, a, x, at_x, b, y, at_y, power):
+    """See `write_block`: vectors, which LLVM does not make of so short a loop."""
+    real, at, align = target.dtype, types.uint64, target.dtype.bitwidth // 8
 
     def generate(context, builder, signature, arguments):
-        vector, contract = _vector(context, real), ("contract",)
         goal, at_x, at_y = (
             _pointer(context, builder, signature.args[k], arguments[k], arguments[k + 1])
-            for k in (0, 4, 7)
+            for k in (0, 3, 6)
         )
-        lanes = ir.VectorType(WORD, BLOCK)
-        number = ir.Constant(lanes, list(range(BLOCK)))
-        skipped = _spread_out(builder, builder.trunc(arguments[2], WORD), lanes)
-        part = builder.select(
-            builder.icmp_signed("<", number, skipped), ir.Constant(vector, None),
-            builder.load(at_y, align=align),
-        )  # fmt: skip
-        square = builder.fmul(part, part, flags=contract)
-        part = builder.select(
-            builder.icmp_signed("==", arguments[9], ir.Constant(arguments[9].type, 2)), square, part
-        )
-        weights = [_spread_out(builder, arguments[k], vector) for k in (3, 6)]
-        first = builder.fmul(builder.load(at_x, align=align), weights[0], flags=contract)
-        total = builder.fadd(first, builder.fmul(part, weights[1], flags=contract), flags=contract)
+        vector = _vector(context, real)
+        a, b = (_spread_out(builder, arguments[k], vector) for k in (2, 5))
+        x = builder.fmul(builder.load(at_x, align=align), a, flags=("contract",))
+        total = _sum(builder, x, builder.load(at_y, align=align), b, arguments[8])
         builder.store(total, goal, align=align)
 
-    at = types.uint64
-    signature = types.void(target, at, types.int64, real, x, at, real, y, at, types.int64)
-    return signature, generate
+    return types.void(target, at, real, x, at, real, y, at, types.int64), generate
 
 
-def combine(target, goal, skip, a, x, at_x, b, y, at_y, power):
-    """Write a x + b y, or a x + b y², of a block into the target.
+def write_block(target, goal, a, x, at_x, b, y, at_y, power):
+    """Write a x + b y, or a x + b y² where `power` is 2.
 
     Parameters
     ----------
-    target, goal : 1-D array, updated, and where the block begins in it
-    skip : first points of the block whose y is taken to be 0
+    target, goal : 1-D array, and where the block begins in it
     a, b : numbers in the type of the fields
-    x, at_x, y, at_y : 1-D arrays, and where the blocks begin in them
-    power : 1 or 2, of y
+    x, at_x, y, at_y : 1-D arrays, and where the blocks begin in them; x may be the target
     """
     other = y[int(at_y) : int(at_y) + BLOCK] ** power
-    other[:skip] = 0
     target[int(goal) : int(goal) + BLOCK] = a * x[int(at_x) : int(at_x) + BLOCK] + b * other
 
 
-@overload(combine, jit_options={"forceinline": True})
-def _combine_blocks(target, goal, skip, a, x, at_x, b, y, at_y, power):
-    def combined(target, goal, skip, a, x, at_x, b, y, at_y, power):
+@overload(write_block, jit_options={"forceinline": True})
+def _typed_write_block(target, goal, a, x, at_x, b, y, at_y, power):
+    def written(target, goal, a, x, at_x, b, y, at_y, power):
         real = target.dtype.type
-        _combine(
-            target, np.uint64(goal), np.int64(skip), real(a), x, np.uint64(at_x), real(b), y,
-            np.uint64(at_y), np.int64(power),
+        _write_block(
+            target, np.uint64(goal), real(a), x, np.uint64(at_x), real(b), y, np.uint64(at_y),
+            np.int64(power),
         )  # fmt: skip
 
-    return combined
+    return written
+
+
+@intrinsic
+def _add_ends(typing_context, target, goal, last, b, y, at_y, power):
+    """See `add_ends`."""
+    real, at, align = target.dtype, types.uint64, target.dtype.bitwidth // 8
+
+    def generate(context, builder, signature, arguments):
+        vector = _vector(context, real)
+        b = _spread_out(builder, arguments[3], vector)
+        sums, goals = [], []
+        for first in (True, False):
+            goal, at_y = arguments[1], arguments[5]
+            if not first:
+                goal, at_y = builder.add(goal, arguments[2]), builder.add(at_y, arguments[2])
+            goals.append(_pointer(context, builder, target, arguments[0], goal))
+            part = builder.load(_pointer(context, builder, y, arguments[4], at_y), align=align)
+            before = builder.load(goals[-1], align=align)
+            sums.append(_sum(builder, before, part, b, arguments[6]))
+        for k in (1, 0):
+            builder.store(sums[k], goals[k], align=align)
+
+    return types.void(target, at, at, real, y, at, types.int64), generate
+
+
+def add_ends(target, goal, last, b, y, at_y, power):
+    """Add b y, or b y² where `power` is 2, to the first and the last block of a span.
+
+    They may overlap. Both are read before they are written: to read what has just been written in
+    part is slow.
+
+    Parameters
+    ----------
+    target, goal : 1-D array, and where the span begins in it
+    last : from there to where its last block begins
+    b : number in the type of the fields
+    y, at_y : 1-D array, and where the span begins in it
+    """
+    count = int(last) + BLOCK
+    ends = np.r_[: min(BLOCK, int(last)), int(last) : count]
+    target[int(goal) + ends] += b * y[int(at_y) + ends] ** power
+
+
+@overload(add_ends, jit_options={"forceinline": True})
+def _typed_add_ends(target, goal, last, b, y, at_y, power):
+    def added(target, goal, last, b, y, at_y, power):
+        real = target.dtype.type
+        _add_ends(
+            target, np.uint64(goal), np.uint64(last), real(b), y, np.uint64(at_y), np.int64(power)
+        )
+
+    return added
 
 
 @inline_kernel()
@@ -260,41 +315,77 @@ def n_listed(nx, ny):
 
 
 @kernel()
-def list_spans(i, boxes, spans):
-    """Write the band of cell i into `spans` OLD_LOW and OLD_HIGH."""
+def list_spans(i, boxes, widened, spans):
+    """Write the band of cell i into `spans` OLD_LOW and OLD_HIGH; and by HALO wider, LOW and HIGH.
+
+    The latter only if `widened`.
+    """
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
-    low, high = spans[OLD_LOW], spans[OLD_HIGH]
+    low, high, least, most = spans[OLD_LOW], spans[OLD_HIGH], spans[LOW], spans[HIGH]
     for k in range(np.uint64(n_listed(nx, ny))):
         low[k], high[k] = nz, 0
+        if widened:
+            least[k], most[k] = nz, 0
     for x in range(nx):
-        first, goal = row_number(x, 0, i, boxes), listed(x, 0, ny)
-        for y in range(ny):
-            if boxes.low[first + y] < boxes.high[first + y]:
-                low[goal + y], high[goal + y] = boxes.low[first + y], boxes.high[first + y]
+        first, goal = np.uint64(row_number(x, 0, i, boxes)), np.uint64(listed(x, 0, ny))
+        for y in range(np.uint64(ny)):
+            z0, z1 = boxes.low[first + y], boxes.high[first + y]
+            there = z0 < z1
+            low[goal + y] = z0 if there else nz
+            high[goal + y] = z1 if there else 0
+            if widened:
+                least[goal + y] = z0 - HALO if there else nz
+                most[goal + y] = z1 + HALO if there else 0
+
+
+@inline_kernel()
+def least_of(values, k, far):
+    """Smallest of the values around place k that a stencil reads, up to `HALO` away."""
+    a, b = (
+        min(values[k - np.uint64(1)], values[k + np.uint64(1)]),
+        min(values[k - far], values[k + far]),
+    )
+    for n in range(2, HALO + 1):
+        up, across = np.uint64(n), np.uint64(n) * far
+        a = min(a, values[k - up], values[k + up])
+        b = min(b, values[k - across], values[k + across])
+    return min(a, b)
+
+
+@inline_kernel()
+def most_of(values, k, far):
+    """Likewise the largest."""
+    a, b = (
+        max(values[k - np.uint64(1)], values[k + np.uint64(1)]),
+        max(values[k - far], values[k + far]),
+    )
+    for n in range(2, HALO + 1):
+        up, across = np.uint64(n), np.uint64(n) * far
+        a = max(a, values[k - up], values[k + up])
+        b = max(b, values[k - across], values[k + across])
+    return max(a, b)
 
 
 @kernel()
-def spread(first, count, across, low, high, least, most):
+def spread(first, count, far, low, high, own_low, own_high, least, most):
     """Points of rows in one plane that stencils read, from those that they work on."""
     for k in range(first, first + np.uint64(count)):
-        z0, z1 = low[k] - HALO, high[k] + HALO
-        if low[k] >= high[k]:
-            z0, z1 = np.int64(low[k]), np.int64(high[k])
-        for n in range(1, HALO + 1):
-            up, far = np.uint64(n), np.uint64(n * across)
-            z0 = min(z0, low[k - up], low[k + up], low[k - far], low[k + far])
-            z1 = max(z1, high[k - up], high[k + up], high[k - far], high[k + far])
-        least[k], most[k] = z0, z1
+        least[k] = min(own_low[k], least_of(low, k, far))
+        most[k] = max(own_high[k], most_of(high, k, far))
 
 
 @kernel()
 def reach(i, boxes, spans):
-    """Write the points of each row that stencils on the band read into NEW_LOW and NEW_HIGH."""
+    """Write the points of each row that stencils on the band read into NEW_LOW and NEW_HIGH.
+
+    `list_spans` has written the others.
+    """
     nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
     for x in range(-HALO, nx + HALO):
         spread(
-            np.uint64(listed(x, -HALO, ny)), ny + 2 * HALO, ny + 2 * HALO, spans[OLD_LOW],
-            spans[OLD_HIGH], spans[NEW_LOW], spans[NEW_HIGH],
+            np.uint64(listed(x, -HALO, ny)), ny + 2 * HALO, np.uint64(ny + 2 * HALO),
+            spans[OLD_LOW], spans[OLD_HIGH], spans[LOW], spans[HIGH], spans[NEW_LOW],
+            spans[NEW_HIGH],
         )  # fmt: skip
 
 
