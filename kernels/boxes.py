@@ -31,7 +31,7 @@ TOTAL, BAND, CORE, BAD, FACE, EDGE, WANTED, N_SURVEYED = 0, 1, 2, 3, 4, 5, 6, 7
 limit or not finite, the largest |φ| on the faces of the box and on the edge of its band, and how
 many points the cell needs in the pools."""
 GUARD = 1
-"""Points of the band beyond those where |φ| exceeds the tolerance, along x, y and z."""
+"""Points of a box beyond those where |φ| exceeds the tolerance, and rows of its planes."""
 PART = 1024
 """Points that are summed in the type of the fields."""
 
@@ -293,7 +293,7 @@ def find_band(i, boxes, on_band, values, limits, out):
             z0, z1 = box_span(values, (x * ny + y) * nz, nz, limits.tolerance)
             if z0 < z1:
                 spans[LOW, listed(x, y, ny)], spans[HIGH, listed(x, y, ny)] = z0, z1
-    out[WANTED] = widen(i, boxes, GUARD, spans)
+    out[WANTED] = widen(i, boxes, spans)
     settle_rows(i, boxes, spans)
 
 

@@ -23,6 +23,8 @@ FRAME, STRETCH = 0, 1
 """Rows of a list of blocks: where each begins in the cell's frame and in its stretch."""
 OLD_LOW, OLD_HIGH, LOW, HIGH, NEW_LOW, NEW_HIGH, N_SPANS = 0, 1, 2, 3, 4, 5, 6
 """Rows of a thread's `spans`: the band as it is, what was found of it, and what it is to be."""
+RIM = 2
+"""Lattice steps that the band reaches beyond what exceeds the tolerance, along rows and across."""
 MARGIN = 2 * HALO
 """Empty planes around the box in such lists."""
 
@@ -92,16 +94,22 @@ def list_blocks(i, boxes, whole, blocks):
     sx, sy = strides(i, boxes)
     n = 0
     for x in range(boxes.shape[i, 0]):
-        for y in range(boxes.shape[i, 1]):
-            row = row_number(x, y, i, boxes)
+        row, goal = row_number(x, 0, i, boxes), frame_index(x, 0, 0, sx, sy)
+        for _ in range(boxes.shape[i, 1]):
             low, high = np.int64(boxes.low[row]), np.int64(boxes.high[row])
             if whole:
                 low, high = np.int64(0), boxes.shape[i, 2]
-            goal, place = frame_index(x, y, 0, sx, sy), boxes.place[row]
-            for k in range(n_blocks(low, high)):
-                z = block(k, low, high)
-                blocks[FRAME, n], blocks[STRETCH, n] = goal + z, place + z
-                n += 1
+            place, count = np.int64(boxes.place[row]), n_blocks(low, high)
+            for k in range(1, count - 1):
+                blocks[FRAME, n + k], blocks[STRETCH, n + k] = (
+                    goal + low + k * BLOCK, place + low + k * BLOCK,
+                )  # fmt: skip
+            for k, z in ((0, min(low, high - BLOCK)), (count - 1, high - BLOCK)):
+                at = n + max(k, 0)  # where there is none, the next row writes here again
+                blocks[FRAME, at], blocks[STRETCH, at] = goal + z, place + z
+            n += count
+            row += 1
+            goal += sy
     return n
 
 
@@ -368,7 +376,7 @@ def most_of(values, k, far):
 
 @kernel()
 def spread(first, count, far, low, high, own_low, own_high, least, most):
-    """Points of rows in one plane that stencils read, from those that they work on."""
+    """Points of so many rows that stencils read, from those that they work on."""
     for k in range(first, first + np.uint64(count)):
         least[k] = min(own_low[k], least_of(low, k, far))
         most[k] = max(own_high[k], most_of(high, k, far))
@@ -380,13 +388,11 @@ def reach(i, boxes, spans):
 
     `list_spans` has written the others.
     """
-    nx, ny = boxes.shape[i, 0], boxes.shape[i, 1]
-    for x in range(-HALO, nx + HALO):
-        spread(
-            np.uint64(listed(x, -HALO, ny)), ny + 2 * HALO, np.uint64(ny + 2 * HALO),
-            spans[OLD_LOW], spans[OLD_HIGH], spans[LOW], spans[HIGH], spans[NEW_LOW],
-            spans[NEW_HIGH],
-        )  # fmt: skip
+    nx, far = boxes.shape[i, 0] + 2 * HALO, boxes.shape[i, 1] + 2 * HALO
+    spread(
+        np.uint64(listed(-HALO, -HALO, boxes.shape[i, 1])), nx * far, np.uint64(far),
+        spans[OLD_LOW], spans[OLD_HIGH], spans[LOW], spans[HIGH], spans[NEW_LOW], spans[NEW_HIGH],
+    )  # fmt: skip
 
 
 @kernel()
@@ -402,36 +408,55 @@ def covered(i, boxes, spans):
             most[k] = min(high[k] - 1, high[k - up], high[k + up], high[k - far], high[k + far])
 
 
+@inline_kernel()
+def nearest_low(low, k, far):
+    """Least of `low` two lattice steps from row k, and of that one step from it less one."""
+    one, two, across = np.uint64(1), np.uint64(2), far + far
+    near = min(low[k - one], low[k + one], low[k - far], low[k + far])
+    beyond_ = min(
+        min(low[k - two], low[k + two], low[k - across], low[k + across]),
+        min(low[k - far - one], low[k - far + one], low[k + far - one], low[k + far + one]),
+    )  # fmt: skip
+    return min(near - 1, beyond_)
+
+
+@inline_kernel()
+def nearest_high(high, k, far):
+    """Likewise the largest of `high`, and one more."""
+    one, two, across = np.uint64(1), np.uint64(2), far + far
+    near = max(high[k - one], high[k + one], high[k - far], high[k + far])
+    beyond_ = max(
+        max(high[k - two], high[k + two], high[k - across], high[k + across]),
+        max(high[k - far - one], high[k - far + one], high[k + far - one], high[k + far + one]),
+    )  # fmt: skip
+    return max(near + 1, beyond_) if near > 0 else beyond_
+
+
 @kernel()
-def widen(i, boxes, guard, spans):
-    """Spans of the band, `guard` points wider along x, y and z than LOW and HIGH; at least a block.
+def widen(i, boxes, spans):
+    """Spans of the band, with all points up to `RIM` lattice steps from LOW to HIGH; or a block.
 
     They go into NEW_LOW and NEW_HIGH; where there are none, both are 0. Returns the number of
     points.
     """
     nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
-    low, high, new_low, new_high = spans[LOW], spans[HIGH], spans[NEW_LOW], spans[NEW_HIGH]
     total = np.int64(0)
     for x in range(nx):
         total += widen_plane(
-            np.uint64(listed(x, 0, ny)), ny, nz, np.uint64(ny + 2 * HALO), guard, low, high,
-            new_low, new_high,
+            np.uint64(listed(x, 0, ny)), ny, nz, np.uint64(ny + 2 * HALO), spans[LOW], spans[HIGH],
+            spans[NEW_LOW], spans[NEW_HIGH],
         )  # fmt: skip
     return total
 
 
 @kernel()
-def widen_plane(first, ny, nz, far, guard, low, high, new_low, new_high):
+def widen_plane(first, ny, nz, far, low, high, new_low, new_high):
     """`widen` of one plane."""
-    up = np.uint64(1)
     total = np.int64(0)
     for k in range(first, first + np.uint64(ny)):
-        z0, z1 = np.int64(low[k]), np.int64(high[k])
-        if z0 < z1:
-            z0, z1 = z0 - guard, z1 + guard
-        if guard > 0:
-            z0 = min(z0, low[k - up], low[k + up], low[k - far], low[k + far])
-            z1 = max(z1, high[k - up], high[k + up], high[k - far], high[k + far])
+        z0, z1 = nearest_low(low, k, far), nearest_high(high, k, far)
+        if low[k] < high[k]:
+            z0, z1 = min(z0, low[k] - RIM), max(z1, high[k] + RIM)
         z0, z1 = max(z0, 0), min(z1, nz)
         count = max(z1 - z0, 0)
         length = max(count, BLOCK) if count > 0 else 0
@@ -439,6 +464,15 @@ def widen_plane(first, ny, nz, far, guard, low, high, new_low, new_high):
         new_low[k], new_high[k] = z0, z0 + length
         total += length
     return total
+
+
+@kernel()
+def stay(i, boxes, spans):
+    """Leave the band as it is: OLD_LOW and OLD_HIGH go into NEW_LOW and NEW_HIGH."""
+    low, high, new_low, new_high = spans[OLD_LOW], spans[OLD_HIGH], spans[NEW_LOW], spans[NEW_HIGH]
+    for k in range(np.uint64(n_listed(boxes.shape[i, 0], boxes.shape[i, 1]))):
+        there = low[k] < high[k]
+        new_low[k], new_high[k] = low[k] if there else 0, high[k] if there else 0
 
 
 @kernel()

@@ -32,14 +32,11 @@ from morphosim.kernels.frames import clear, copy_row, mirror
 from morphosim.kernels.helmholtz import helmholtz_solve
 from morphosim.kernels.rows import (
     FRAME,
-    HIGH,
-    LOW,
-    OLD_HIGH,
-    OLD_LOW,
     STRETCH,
     list_blocks,
     load,
     settle_rows,
+    stay,
     widen,
     wipe,
 )
@@ -112,10 +109,9 @@ def find_new_band(i, values, boxes, room, limits, spans, out):
     if out[BAD] > 0:
         return
     survey_rows(i, boxes, values, 0, limits, spans, out)
-    out[WANTED] = widen(i, boxes, GUARD, spans)
+    out[WANTED] = widen(i, boxes, spans)
     if out[WANTED] > room:
-        spans[LOW], spans[HIGH] = spans[OLD_LOW], spans[OLD_HIGH]
-        widen(i, boxes, 0, spans)
+        stay(i, boxes, spans)
 
 
 @kernel()

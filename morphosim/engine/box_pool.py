@@ -42,7 +42,7 @@ COLUMNS = (
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
 AT_ONCE = 256
 """Boxes that are laid together: until all are, they are held whole beside the pools."""
-SPARE = 16
+SPARE = 32
 """A cell gets room for one more point per so many, as its band changes from step to step."""
 MOST_FREE = 0.1
 """Share of the pools that may lie idle between boxes, before all boxes close ranks."""
@@ -51,7 +51,7 @@ Real = NDArray[np.floating]
 
 
 class Slots:
-    """Stretches of a pool: size classes with free lists, at most 1/8 larger than asked for.
+    """Stretches of a pool: size classes with free lists, at most 1/16 larger than asked for.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Slots:
     @staticmethod
     def capacity(size: int) -> int:
         """Length of the stretch that `take` gives for `size`."""
-        quantum = max(64, 1 << max(size.bit_length() - 4, 0))
+        quantum = max(64, 1 << max(size.bit_length() - 5, 0))
         return -(-size // quantum) * quantum
 
     def take(self, size: int) -> int:
@@ -123,7 +123,7 @@ class BoxPool:
     phi : 1-D pool of φⁿ
     history : 1-D pool of the scheme's history Hⁿ, or of the extrapolation φ*, or None
     low, high : (rows,) int16
-        Points of each row along z of each box where the field is not 0, `GUARD` more than where it
+        Points of each row along z of each box where the field is not 0: `RIM` more than where it
         exceeds the tolerance.
     place : (rows,) int32
         Where the row lies in the pools; see `Boxes`.
