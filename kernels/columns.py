@@ -204,6 +204,8 @@ def add_scaled(weight, sums, first, count, psi, p):
 @kernel()
 def add_others(own, pull, points, potential, first, count, psi, p):
     """Add σ Σ φ of all other types along a row; it begins at `first` in the sums of the first."""
+    if potential is None:
+        return
     for t in range(pull.shape[0]):
         if t != own and pull[t, own] != 0:
             add_scaled(pull[t, own], potential, first + t * points, count, psi, p)

@@ -1,6 +1,7 @@
-"""Boxes with random fields for the kernel tests, and their frames.
+"""Boxes with random fields for the kernel tests, and their frames, stretches and lists of rows.
 
-Between the boxes the pools hold NaN, so that a read outside of a box shows.
+Boxes are held as solvers on the band hold them, or whole. Each cell has room in the pools for its
+whole box; where it keeps nothing the pools hold NaN, so that a read outside of what is held shows.
 """
 
 import importlib
@@ -16,17 +17,22 @@ from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
 from morphosim import kernels
-from morphosim.kernels.frames import HALO, LEAD, clear, frame_size, load, strides
-from morphosim.kernels.layout import Boxes, Stencil
+from morphosim.kernels.boxes import N_SURVEYED
+from morphosim.kernels.frames import HALO, LEAD, frame_size, strides
+from morphosim.kernels.helmholtz import COLUMNS
+from morphosim.kernels.layout import Boxes, Room, Stencil
+from morphosim.kernels.rows import BLOCK, N_SPANS, list_blocks, n_listed
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
+from morphosim.kernels.step import N_FRAMES, N_STRETCHES
 
 H = 0.5
 GAP = 5
-SHAPES = ((10, 12, 16), (8, 10, 14), (14, 8, 12), (8, 8, 8), (8, 10, 10))
+SHAPES = ((10, 12, 38), (8, 10, 30), (14, 8, 22), (8, 8, 16), (8, 10, 20))
 ORIGINS = ((-9, -3, -20), (-5, 2, -12), (-12, -8, -25), (40, 40, 40), (-6, 1, 55))
 """Three boxes that overlap, at negative lattice positions, one far away, one far above them."""
 
 both_ways = pytest.mark.parametrize("way", ["compiled", "python"])
+both_precisions = pytest.mark.parametrize("dtype", [np.float32, np.float64])
 
 
 def taken(kernel: Any, way: str) -> Callable:
@@ -57,40 +63,75 @@ def make_stencil(order: int, dtype: type = np.float64) -> Stencil:
     return Stencil(*(*first, None, None)[:3], *(*second, None, None)[:4])
 
 
-def lay_out(origins: Any, shapes: Any) -> tuple[Boxes, NDArray[np.float64]]:
-    """Boxes with bands that are empty, and a pool with 0 in the boxes and NaN between them."""
-    shape = np.array(shapes)
-    size, planes = shape.prod(axis=1), shape[:, 0]
-    start = np.cumsum([GAP, *(size + GAP)])[:-1]
-    plane_start = np.cumsum([GAP, *(planes + GAP)])[:-1]
-    band = np.full((plane_start[-1] + planes[-1] + GAP, 2), -77, np.int32)
-    phi = np.full(start[-1] + size[-1] + GAP, np.nan)
-    for i in range(len(shape)):
-        phi[start[i] : start[i] + size[i]] = 0
-        band[plane_start[i] : plane_start[i] + planes[i]] = shape[i, 1], 0
-    return Boxes(np.array(origins), shape, start, plane_start, band), phi
+# --- boxes and pools -----------------------------------------------------------------------------
 
 
-def make_boxes(
-    seed: int, origins: tuple = ORIGINS, shapes: tuple = SHAPES
+def lay_out(
+    origins: Any, shapes: Any, spans: Any = None, whole: bool = False
 ) -> tuple[Boxes, NDArray[np.float64]]:
-    """Boxes and a pool of fields that vanish outside of random bands."""
-    rng = np.random.default_rng(seed)
-    boxes, phi = lay_out(origins, shapes)
-    for i, (nx, ny, _) in enumerate(shapes):
-        rows = band_of(boxes, i)
-        rows[:] = [random_rows(rng, ny) for _ in range(nx)]
-        field = box(phi, boxes, i)
-        field[:] = np.where(in_band(boxes, i)[..., None], rng.uniform(0.1, 1, field.shape), 0)
+    """Boxes, and a pool with 0 in what they hold and NaN elsewhere.
+
+    Parameters
+    ----------
+    spans : of each cell, (nx, ny, 2) points [low, high) of its rows in the band; all empty if None
+    whole : whether the whole boxes are held, not only the band
+    """
+    shape = np.array(shapes)
+    size, rows = shape.prod(axis=1), shape[:, :2].prod(axis=1)
+    start = np.cumsum([GAP, *(size + GAP)])[:-1]
+    row_start = np.cumsum([GAP, *(rows + GAP)])[:-1]
+    end = row_start[-1] + rows[-1] + GAP
+    low, high = np.full((2, end), -77, np.int16)
+    place = np.full(end, -77, np.int32)
+    boxes = Boxes(np.array(origins), shape, start, row_start, low, high, place)
+    phi = np.full(start[-1] + size[-1] + GAP, np.nan)
+    for i, (nx, ny, nz) in enumerate(shape):
+        if whole:
+            rows_of(boxes.place, boxes, i)[:] = np.arange(nx * ny).reshape(nx, ny) * nz
+        set_band(boxes, i, np.zeros((nx, ny, 2), int) if spans is None else spans[i], whole)
+        put(phi, boxes, i, np.zeros((nx, ny, nz)))
     return boxes, phi
 
 
-def random_rows(rng: np.random.Generator, ny: int) -> tuple[int, int]:
-    """Rows [low, high) of one plane; (ny, 0), an empty band, now and then."""
-    if rng.random() < 0.2:
-        return ny, 0
-    low = int(rng.integers(0, ny - 2))
-    return low, int(rng.integers(low + 1, ny + 1))
+def set_band(boxes: Boxes, i: int, spans: Any, whole: bool = False) -> None:
+    """Give cell i this band, (nx, ny, 2), or what is as large."""
+    low, high = rows_of(boxes.low, boxes, i), rows_of(boxes.high, boxes, i)
+    low[:], high[:] = np.moveaxis(np.broadcast_to(spans, (*low.shape, 2)), -1, 0)
+    if not whole:
+        length = np.maximum(high - low, 0).ravel().astype(int)
+        begins = np.cumsum(length) - length - low.ravel()
+        rows_of(boxes.place, boxes, i)[:] = begins.reshape(low.shape)
+
+
+def make_boxes(
+    seed: int, origins: tuple = ORIGINS, shapes: tuple = SHAPES, whole: bool = False
+) -> tuple[Boxes, NDArray[np.float64]]:
+    """Boxes and a pool of fields that vanish outside of random bands."""
+    rng = np.random.default_rng(seed)
+    make = whole_rows_of_planes if whole else random_spans
+    boxes, phi = lay_out(origins, shapes, [make(rng, *shape) for shape in shapes], whole)
+    for i, shape in enumerate(shapes):
+        put(phi, boxes, i, np.where(in_band(boxes, i), rng.uniform(0.1, 1, shape), 0))
+    return boxes, phi
+
+
+def random_spans(rng: np.random.Generator, nx: int, ny: int, nz: int) -> NDArray[np.int64]:
+    """Points [low, high) of rows, at least a block or, now and then, none."""
+    length = rng.integers(BLOCK, nz + 1, (nx, ny))
+    low = rng.integers(0, nz - length + 1)
+    spans = np.stack([low, low + length], axis=-1)
+    spans[rng.random((nx, ny)) < 0.25] = 0
+    return np.asarray(spans)
+
+
+def whole_rows_of_planes(rng: np.random.Generator, nx: int, ny: int, nz: int) -> NDArray[np.int64]:
+    """All points of rows that follow one another in each plane; none of some planes."""
+    spans = np.zeros((nx, ny, 2), int)
+    for plane in spans:
+        if rng.random() > 0.2:
+            low = int(rng.integers(0, ny - 2))
+            plane[low : int(rng.integers(low + 1, ny + 1))] = 0, nz
+    return spans
 
 
 def empty_pool(phi: NDArray) -> NDArray:
@@ -98,21 +139,58 @@ def empty_pool(phi: NDArray) -> NDArray:
     return np.full(len(phi), 1e30)
 
 
-def box(pool: NDArray, boxes: Boxes, i: int) -> NDArray:
-    """Cell i's part of a pool, as a 3-D view."""
-    shape = tuple(boxes.shape[i])
-    return pool[boxes.start[i] : boxes.start[i] + np.prod(shape)].reshape(shape)
+def rows_of(values: NDArray, boxes: Boxes, i: int) -> NDArray:
+    """Cell i's part of a list of rows, (nx, ny), as a view."""
+    nx, ny = boxes.shape[i, :2]
+    return values[boxes.row_start[i] :][: nx * ny].reshape(nx, ny)
 
 
-def band_of(boxes: Boxes, i: int) -> NDArray:
-    """Rows of each plane of cell i's band, (nx, 2), as a view."""
-    return boxes.band[boxes.plane_start[i] : boxes.plane_start[i] + boxes.shape[i, 0]]
+def band_of(boxes: Boxes, i: int) -> NDArray[np.int64]:
+    """Points [low, high) of the rows of cell i in the band, (nx, ny, 2): a copy."""
+    low, high = rows_of(boxes.low, boxes, i), rows_of(boxes.high, boxes, i)
+    return np.stack([low, high], axis=-1).astype(np.int64)
+
+
+def mask_of(spans: NDArray, nz: int) -> NDArray[np.bool_]:
+    """Which points of a box are in these spans of its rows."""
+    z = np.arange(nz)
+    return (z >= spans[..., :1]) & (z < spans[..., 1:])
 
 
 def in_band(boxes: Boxes, i: int, whole: bool = False) -> NDArray[np.bool_]:
-    """Which rows (x, y) of cell i's box are in its band, or worked on if `whole`."""
-    y, rows = np.arange(boxes.shape[i, 1]), band_of(boxes, i)
-    return ((y >= rows[:, :1]) & (y < rows[:, 1:])) | whole
+    """Which points of cell i's box are in its band, or worked on if `whole`."""
+    return mask_of(band_of(boxes, i), boxes.shape[i, 2]) | whole
+
+
+def held(boxes: Boxes, i: int) -> NDArray[np.bool_]:
+    """Which points of cell i's box are in the pools: the band, or all."""
+    nx, ny, nz = boxes.shape[i]
+    place = rows_of(boxes.place, boxes, i)
+    return in_band(boxes, i, bool((place.ravel() == np.arange(nx * ny) * nz).all()))
+
+
+def number(boxes: Boxes, i: int) -> NDArray[np.int64]:
+    """Where each point of cell i's box lies in the pools, if it is held."""
+    place = rows_of(boxes.place, boxes, i)[..., None].astype(np.int64)
+    return boxes.start[i] + place + np.arange(boxes.shape[i, 2])
+
+
+def box(pool: NDArray, boxes: Boxes, i: int) -> NDArray:
+    """Cell i's field in a pool, as a 3-D copy; 0 where nothing is held."""
+    there, values = held(boxes, i), np.zeros(boxes.shape[i], pool.dtype)
+    values[there] = pool[number(boxes, i)[there]]
+    return values
+
+
+def put(pool: NDArray, boxes: Boxes, i: int, values: Any) -> None:
+    """Write cell i's field into a pool, what of it is held."""
+    there = held(boxes, i)
+    pool[number(boxes, i)[there]] = np.broadcast_to(values, there.shape)[there]
+
+
+def room_of(boxes: Boxes, i: int) -> slice:
+    """The whole of what cell i has in the pools."""
+    return slice(boxes.start[i], boxes.start[i] + boxes.shape[i].prod())
 
 
 def positions(boxes: Boxes, i: int) -> list[NDArray]:
@@ -122,7 +200,7 @@ def positions(boxes: Boxes, i: int) -> list[NDArray]:
 
 
 def seen_from(boxes: Boxes, pool: NDArray, j: int, i: int, halo: int = HALO) -> NDArray[np.float64]:
-    """Cell j's field around cell i's box, with a halo; 0 outside of cell j's box."""
+    """Cell j's field on its band around cell i's box, with a halo; 0 elsewhere."""
     start, shape = boxes.origin[i] - halo, boxes.shape[i] + 2 * halo
     result = np.zeros(shape)
     low = np.maximum(start, boxes.origin[j])
@@ -132,8 +210,11 @@ def seen_from(boxes: Boxes, pool: NDArray, j: int, i: int, halo: int = HALO) -> 
             tuple(slice(a - o, b - o) for a, b, o in zip(low, high, corner, strict=True))
             for corner in (start, boxes.origin[j])
         )
-        result[here] = box(pool, boxes, j)[there]
+        result[here] = np.where(in_band(boxes, j), box(pool, boxes, j), 0)[there]
     return result
+
+
+# --- frames --------------------------------------------------------------------------------------
 
 
 def empty_frame(boxes: Boxes, i: int, value: float = np.nan, more: int = 0) -> NDArray[np.float64]:
@@ -144,9 +225,16 @@ def empty_frame(boxes: Boxes, i: int, value: float = np.nan, more: int = 0) -> N
 def loaded(boxes: Boxes, i: int, pool: NDArray, whole: bool = False) -> NDArray:
     """Cell i's frame of its field in a pool; NaN where no stencil on the band reads."""
     frame = empty_frame(boxes, i).astype(pool.dtype)
-    clear(i, boxes, whole, frame)
-    load(i, pool, boxes, whole, frame)
+    with_halo(frame, boxes, i)[read_by(in_band(boxes, i, whole))] = 0
+    worked = in_band(boxes, i, whole)
+    inside(frame, boxes, i)[worked] = box(pool, boxes, i)[worked]
     return frame
+
+
+def read_by(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Points of a box and its halo that stencils on these points of the box read."""
+    wide, shifts = np.pad(mask, HALO), range(-HALO, HALO + 1)
+    return np.logical_or.reduce([np.roll(wide, m, axis) for axis in range(3) for m in shifts])
 
 
 def mirrored(boxes: Boxes, i: int, pool: NDArray) -> NDArray:
@@ -173,13 +261,10 @@ def inside(frame: NDArray, boxes: Boxes, i: int) -> NDArray:
     return with_halo(frame, boxes, i)[HALO:-HALO, HALO:-HALO, HALO:-HALO]
 
 
-def in_runs(boxes: Boxes, i: int, whole: bool = False) -> NDArray[np.bool_]:
-    """Which points of cell i's flat frame lie between the first and the last of a plane's band."""
+def band_in_frame(boxes: Boxes, i: int, whole: bool = False) -> NDArray[np.bool_]:
+    """Which points of cell i's flat frame are in its band, or in its box if `whole`."""
     flat = np.zeros(frame_size(i, boxes), bool)
-    number = inside(np.arange(len(flat)), boxes, i)
-    for plane, rows in zip(number, in_band(boxes, i, whole), strict=True):
-        if rows.any():
-            flat[plane[rows].min() : plane[rows].max() + 1] = True
+    inside(flat, boxes, i)[:] = in_band(boxes, i, whole)
     return flat
 
 
@@ -193,27 +278,96 @@ def flat_laplacian(frame: NDArray, boxes: Boxes, i: int, order: int) -> NDArray:
     return result / H**2
 
 
-def expected_band(field: NDArray, tolerance: float, guard: int = 1) -> NDArray:
-    """Rows of each plane beyond the tolerance, `guard` more on each side; (ny, 0) for none."""
-    nx, ny, _ = field.shape
-    rows = (np.abs(field) > tolerance).any(axis=2)
-    for _ in range(guard):
-        wider = np.zeros_like(rows)
-        for x in range(nx):
-            wider[x] = hull(rows[x])
-            wider[x, 1:] |= wider[x, :-1].copy()
-            wider[x, :-1] |= hull(rows[x])[1:]
-            for beside in (x - 1, x + 1):
-                if 0 <= beside < nx:
-                    wider[x] |= hull(rows[beside])
-        rows = wider
-    result = np.full((nx, 2), (ny, 0))
-    for x in range(nx):
-        if rows[x].any():
-            result[x] = np.flatnonzero(rows[x])[[0, -1]] + (0, 1)
+# --- stretches, blocks and lists of rows ---------------------------------------------------------
+
+
+def stretch(values: NDArray, boxes: Boxes, i: int) -> NDArray:
+    """Values in cell i's box in the order of the pools: those that are held."""
+    return values[held(boxes, i)]
+
+
+def spread_out(values: NDArray, boxes: Boxes, i: int) -> NDArray:
+    """Cell i's box of the values in a stretch; 0 where nothing is held."""
+    result = np.zeros(boxes.shape[i], values.dtype)
+    there = held(boxes, i)
+    result[there] = values[: there.sum()]
     return result
 
 
-def hull(rows: NDArray) -> NDArray[np.bool_]:
-    """All rows between the first and the last of these."""
-    return np.asarray(np.logical_or.accumulate(rows) & np.logical_or.accumulate(rows[::-1])[::-1])
+def blocks_of(boxes: Boxes, i: int, whole: bool = False) -> tuple[NDArray[np.int32], int]:
+    """Blocks of cell i, and their number."""
+    nx, ny, nz = boxes.shape[i]
+    blocks = np.full((2, nx * ny * -(-nz // BLOCK)), -5, np.int32)
+    return blocks, list_blocks(i, boxes, whole, blocks)
+
+
+def empty_spans(boxes: Boxes, i: int) -> NDArray[np.int16]:
+    """A thread's `spans` for cell i, with nothing sensible in it."""
+    return np.full((N_SPANS, n_listed.py_func(*boxes.shape[i, :2])), -99, np.int16)
+
+
+def room_for(boxes: Boxes, cells: Any, threads: int, whole: bool, dtype: type) -> Room:
+    """Work arrays as large as they must be and no larger, with nothing sensible in them.
+
+    Only the frames of the field and of iterations are 0, for solvers on the band.
+    """
+    shape = boxes.shape[np.asarray(cells)]
+    size = max(frame_size(i, boxes) for i in cells)
+    size = max(size, COLUMNS * int(shape.max())) if whole else size
+    frames = np.full((threads, N_FRAMES, size), np.nan, dtype)
+    if not whole:
+        frames[:, [0, 2, 3]] = 0
+    stretches = max(stretch(in_band(boxes, i), boxes, i).size for i in cells)
+    return Room(
+        frames=frames,
+        stretches=np.full((threads, N_STRETCHES, stretches), np.nan, dtype),
+        blocks=np.full((threads, 2, max(blocks_of(boxes, i, whole)[1] for i in cells)), -5, "i4"),
+        spans=np.full(
+            (threads, N_SPANS, n_listed.py_func(shape[:, 0], shape[:, 1]).max()), -99, np.int16
+        ),
+        found=np.full((threads, shape[:, 0].max(), 2), -5, np.int32),
+        measured=np.full((threads, N_SURVEYED), np.nan),
+    )
+
+
+# --- what bands should be ------------------------------------------------------------------------
+
+
+def expected_band(
+    field: NDArray, tolerance: float, whole: bool = False, guard: int = 1
+) -> NDArray[np.int64]:
+    """Points [low, high) of each row that are to be in the band of a field, (nx, ny, 2).
+
+    `guard` more than those beyond the tolerance, and what lies between; at least a block. Of boxes
+    that are held `whole`, all points of the rows from the first to the last of each plane.
+    """
+    nz = field.shape[2]
+    beyond = np.abs(field) > tolerance
+    if whole:
+        rows = hull(widened(beyond.any(axis=2)[..., None], guard, axis=1)[..., 0], axis=1)
+        return np.stack([np.zeros_like(rows, int), np.where(rows, nz, 0)], axis=-1)
+    points = widened(beyond, guard, axis=2)
+    spans = np.zeros((*field.shape[:2], 2), int)
+    for row in np.argwhere(points.any(axis=2)):
+        low, high = np.flatnonzero(points[tuple(row)])[[0, -1]] + (0, 1)
+        length = max(high - low, BLOCK)
+        low = min(max(low - (length - (high - low)) // 2, 0), nz - length)
+        spans[tuple(row)] = low, low + length
+    return spans
+
+
+def widened(points: NDArray, guard: int, axis: int) -> NDArray[np.bool_]:
+    """Hulls along an axis, and `guard` more on each side along all axes that are."""
+    for _ in range(guard):
+        wide = np.pad(hull(points, axis), 1)
+        points = np.logical_or.reduce(
+            [np.roll(wide, m, a)[1:-1, 1:-1, 1:-1] for a in range(3) for m in (-1, 0, 1)]
+        )
+    return hull(points, axis)
+
+
+def hull(points: NDArray, axis: int) -> NDArray[np.bool_]:
+    """All points between the first and the last of these along an axis."""
+    before = np.logical_or.accumulate(points, axis)
+    after = np.flip(np.logical_or.accumulate(np.flip(points, axis), axis), axis)
+    return np.asarray(before & after)

@@ -11,7 +11,7 @@ from morphosim.kernels.moments import Fields, find_extents
 from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.surfaces import Work
 
-from .example_boxes import box, lay_out
+from .example_boxes import box, lay_out, put
 
 LEVEL = 0.4
 LOW_LEVEL = 0.15
@@ -28,14 +28,29 @@ TETRAHEDRA = [
 """Corners of the six tetrahedra of a cube."""
 
 
-def random_fields(seed: int, dtype: type = np.float64) -> Fields:
-    """Fields that also cross the levels at the faces of their boxes; NaN between the boxes."""
+def random_fields(seed: int, dtype: type = np.float64, whole: bool = False) -> Fields:
+    """Fields that also cross the levels at the faces of their boxes, and at the ends of spans.
+
+    Of some rows a part is held, or nothing, if not the `whole` boxes are; elsewhere there is NaN.
+    """
     rng = np.random.default_rng(seed)
-    boxes, phi = lay_out(ORIGINS, SHAPES)
+    spans = [np.broadcast_to([0, nz], (nx, ny, 2)) for nx, ny, nz in SHAPES]
+    if not whole:
+        spans = [cut_short(rng, *shape) for shape in SHAPES]
+    boxes, phi = lay_out(ORIGINS, SHAPES, spans, whole)
     for i, shape in enumerate(SHAPES):
-        box(phi, boxes, i)[:] = rng.uniform(-0.1, 0.1 if i == FAINT else 1, shape)
+        put(phi, boxes, i, rng.uniform(-0.1, 0.1 if i == FAINT else 1, shape))
     extent = np.full((len(SHAPES), 3, 2), 77)
-    return Fields(phi.astype(dtype), boxes.origin, boxes.shape, boxes.start, extent)
+    return Fields(phi.astype(dtype), *boxes, extent)
+
+
+def cut_short(rng: np.random.Generator, nx: int, ny: int, nz: int) -> NDArray[np.int64]:
+    """Spans of rows: most of all points, some of fewer, a few of none."""
+    spans = np.tile([0, nz], (nx, ny, 1))
+    for span in spans.reshape(-1, 2):
+        if rng.random() < 0.3:
+            span[:] = np.sort(rng.integers(0, nz + 1, 2))
+    return spans
 
 
 def with_extents(fields: Fields, level: float = LOW_LEVEL) -> Fields:

@@ -10,14 +10,17 @@ from morphosim.kernels.layout import Boxes
 
 from .example_boxes import (
     ORIGINS,
-    band_of,
     both_ways,
-    box,
     empty_frame,
-    grid,
+    empty_spans,
+    held,
     in_band,
     loaded,
     make_boxes,
+    put,
+    read_by,
+    set_band,
+    spread_out,
     taken,
     with_halo,
 )
@@ -41,13 +44,6 @@ def test_the_example_has_columns_above_each_other_and_some_that_do_not_exist() -
     assert min(place[0] for place in places) < 0 < max(place[0] for place in places)
 
 
-def read_by(rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows of the frame that stencils on these rows of the box read."""
-    wide = np.pad(rows, HALO)
-    shifts = range(-HALO, HALO + 1)
-    return np.logical_or.reduce([np.roll(wide, m, axis) for axis in (0, 1) for m in shifts])
-
-
 def make_pair_potential(boxes: Boxes) -> tuple[NDArray, NDArray]:
     """Where the frames of pulled cells start (cell 2 is not pulled), and their pool."""
     sizes = [0 if i == 2 else frame_size(i, boxes) + 7 for i in CELLS]
@@ -68,27 +64,26 @@ def make_pair_potential(boxes: Boxes) -> tuple[NDArray, NDArray]:
 def test_cells_feel_the_others_and_space(
     background: bool, attracts: bool, pairs: bool, field: bool, whole: bool, way: str
 ) -> None:
-    boxes, phi = make_boxes(seed=11)
+    boxes, phi = make_boxes(seed=11, whole=whole)
     cover = Cover(boxes)
     columns = cover.columns(background, 3 + field if attracts else 0, field)
     pairs_start, pool = make_pair_potential(boxes) if pairs else (None, None)
     taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(field), columns)
     assert np.isnan(columns.repulsion[cover.between()]).all()
     for i in CELLS:
-        repulsion = empty_frame(boxes, i)
+        repulsion = np.full(held(boxes, i).sum() + 3, np.nan)
         psi = empty_frame(boxes, i) if attracts or pairs else None
         taken(gather, way)(
             i, boxes, whole, interaction(field), columns, pairs_start, pool,
-            loaded(boxes, i, phi, whole), repulsion, psi,
+            loaded(boxes, i, phi, whole), repulsion, psi, empty_spans(boxes, i),
         )  # fmt: skip
-        rows = in_band(boxes, i, whole)
-        worked = np.pad(rows, HALO)
-        expected = cover.felt_repulsion(phi, columns, i)
-        found = with_halo(repulsion, boxes, i)
+        worked = in_band(boxes, i, whole)
+        expected = cover.felt_repulsion(phi, columns, i)[HALO:-HALO, HALO:-HALO, HALO:-HALO]
+        found = spread_out(repulsion, boxes, i)
         np.testing.assert_allclose(found[worked], expected[worked], rtol=1e-12, atol=1e-13)
-        assert np.isfinite(grid(repulsion, boxes, i)[worked]).all(), "read beyond a column"
+        assert np.isnan(repulsion[-3:]).all()
         if psi is not None:
-            near = read_by(rows)
+            found, near = with_halo(psi, boxes, i), read_by(worked)
             expected = np.zeros(found.shape)
             if attracts:
                 expected += cover.felt_potential(phi, i)
@@ -96,48 +91,75 @@ def test_cells_feel_the_others_and_space(
                 expected += cover.at(columns.field, i)
             if pairs and pairs_start[i] >= 0:
                 expected += with_halo(pool[pairs_start[i] :], boxes, i)
-            found = with_halo(psi, boxes, i)
             np.testing.assert_allclose(found[near], expected[near], rtol=1e-12, atol=1e-13)
-            assert np.isfinite(grid(psi, boxes, i)[near]).all(), "read beyond a column"
+
+
+@both_ways
+def test_a_span_of_less_than_a_block_is_felt(way: str) -> None:
+    """As ghost cells have, of which a part is known: also if it is one point."""
+    boxes, phi = make_boxes(seed=11)
+    spans = np.zeros((8, 10, 2), int)
+    spans[3, 4], spans[4, 4], spans[5, 5] = (3, 10), (7, 8), (2, 17)
+    phi[boxes.start[1] :][:2000] = np.nan
+    set_band(boxes, 1, spans)
+    put(phi, boxes, 1, np.random.default_rng(16).uniform(1, 2, boxes.shape[1]))
+    cover = Cover(boxes, absent=0)
+    columns = cover.columns(background=False, n_types=3)
+    taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(), columns)
+    repulsion, psi = np.full(held(boxes, 0).sum(), np.nan), empty_frame(boxes, 0)
+    gather(
+        0, boxes, False, interaction(), columns, None, None, loaded(boxes, 0, phi), repulsion, psi,
+        empty_spans(boxes, 0),
+    )  # fmt: skip
+    worked, near = in_band(boxes, 0), read_by(in_band(boxes, 0))
+    expected = cover.felt_repulsion(phi, columns, 0)[HALO:-HALO, HALO:-HALO, HALO:-HALO]
+    found = spread_out(repulsion, boxes, 0)
+    np.testing.assert_allclose(found[worked], expected[worked], rtol=1e-12, atol=1e-13)
+    expected = cover.felt_potential(phi, 0)
+    np.testing.assert_allclose(
+        with_halo(psi, boxes, 0)[near], expected[near], rtol=1e-12, atol=1e-13
+    )
 
 
 @both_ways
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_cell_does_not_feel_itself(whole: bool, way: str) -> None:
     """Not even where its field is too faint for the band."""
-    boxes, phi = make_boxes(seed=11)
-    band_of(boxes, 2)[:] = [(2, 5)] * 10 + [(8, 0)] * 4
+    boxes, phi = make_boxes(seed=11, whole=whole)
     for i in CELLS:
         if i != 2:
-            band_of(boxes, i)[:] = 99, 0
-    box(phi, boxes, 2)[:] = np.random.default_rng(15).random(boxes.shape[2])
+            set_band(boxes, i, 0, whole)
+    band = np.zeros((14, 8, 2), int)
+    band[:10, 2:5] = (0, 22) if whole else (3, 20)
+    set_band(boxes, 2, band, whole)
+    put(phi, boxes, 2, np.random.default_rng(15).random(boxes.shape[2]))
     cover = Cover(boxes, absent=0)
     columns = cover.columns(background=False, n_types=3)
     taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(), columns)
     assert np.nanmax(columns.repulsion) > 0.5 * G
-    repulsion, psi = (empty_frame(boxes, 2) for _ in range(2))
+    repulsion, psi = np.full(held(boxes, 2).sum(), np.nan), empty_frame(boxes, 2)
     taken(gather, way)(
         2, boxes, whole, interaction(), columns, None, None, loaded(boxes, 2, phi, whole),
-        repulsion, psi,
+        repulsion, psi, empty_spans(boxes, 2),
     )  # fmt: skip
-    rows = in_band(boxes, 2, whole)
-    worked, near = np.pad(rows, HALO), read_by(rows)
-    np.testing.assert_allclose(with_halo(repulsion, boxes, 2)[worked], 0, atol=1e-14)
+    near = read_by(in_band(boxes, 2, whole))
+    np.testing.assert_allclose(repulsion, 0, atol=1e-14)
     np.testing.assert_allclose(with_halo(psi, boxes, 2)[near], 0, atol=1e-14)
 
 
 def test_a_cell_without_columns_feels_nothing() -> None:
-    boxes, phi = make_boxes(seed=11)
-    cover = Cover(boxes, absent=1)
-    columns = cover.columns(background=False, n_types=3)
-    assert not columns.felt.any()
-    repulsion, psi = (empty_frame(boxes, 0) for _ in range(2))
-    gather(
-        0, boxes, True, interaction(), columns, None, None, loaded(boxes, 0, phi, True),
-        repulsion, psi,
-    )  # fmt: skip
-    assert (with_halo(psi, boxes, 0) == 0).all()
-    assert (with_halo(repulsion, boxes, 0)[HALO:-HALO, HALO:-HALO] == 0).all()
+    for whole in (True, False):
+        boxes, phi = make_boxes(seed=11, whole=whole)
+        cover = Cover(boxes, absent=1)
+        columns = cover.columns(background=False, n_types=3)
+        assert not columns.felt.any()
+        repulsion, psi = np.full(held(boxes, 0).sum(), np.nan), empty_frame(boxes, 0)
+        gather(
+            0, boxes, whole, interaction(), columns, None, None, loaded(boxes, 0, phi, whole),
+            repulsion, psi, empty_spans(boxes, 0),
+        )  # fmt: skip
+        assert (with_halo(psi, boxes, 0)[read_by(in_band(boxes, 0, whole))] == 0).all()
+        assert (repulsion == 0).all()
 
 
 def test_the_sums_do_not_depend_on_the_lists() -> None:

@@ -9,7 +9,7 @@ from morphosim.kernels.contacts import Neighbours, contacts
 from morphosim.kernels.moments import Fields
 from morphosim.kernels.sharing import shares_of
 
-from .example_boxes import both_ways, box, taken
+from .example_boxes import both_precisions, both_ways, box, put, taken
 from .example_fields import (
     FAINT,
     LEVEL,
@@ -73,9 +73,10 @@ def check_areas(way: str, fields: Fields) -> tuple[NDArray[np.float64], NDArray[
 
 
 @both_ways
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_contact_areas(way: str, dtype: type) -> None:
-    found, _ = check_areas(way, with_extents(random_fields(6, dtype), LOW_LEVEL))
+@pytest.mark.parametrize("whole", [True, False])
+@both_precisions
+def test_contact_areas(way: str, dtype: type, whole: bool) -> None:
+    found, _ = check_areas(way, with_extents(random_fields(6, dtype, whole), LOW_LEVEL))
     assert min(found[0], found[3]) > 10
     assert (found[[1, 2, 4, 5, 6]] == 0).all(), "contact with a cell far away or faint"
 
@@ -83,8 +84,7 @@ def test_contact_areas(way: str, dtype: type) -> None:
 @both_ways
 def test_where_two_neighbours_lie_on_one_piece_the_larger_contact_counts(way: str) -> None:
     fields = random_fields(6)
-    between = box(fields.phi, fields, FAINT)
-    between[:] = np.random.default_rng(8).uniform(0, 1, between.shape)
+    put(fields.phi, fields, FAINT, np.random.default_rng(8).uniform(0, 1, SHAPES[FAINT]))
     found, touched = check_areas(way, with_extents(fields, LOW_LEVEL))
     apart = found[PAIRS.index((0, 1))], found[PAIRS.index((0, FAINT))]
     assert max(apart) + 5 < touched[0] < sum(apart) - 5
@@ -103,11 +103,11 @@ def test_a_cell_without_neighbours_is_skipped(way: str) -> None:
 
 @both_ways
 def test_all_of_the_surface_within_a_larger_cell_is_in_contact(way: str) -> None:
-    fields = with_extents(random_fields(7))
-    box(fields.phi, fields, 1)[:] = 1
-    inner = box(fields.phi, fields, 0)
-    inner[:] = 0
+    fields = random_fields(7, whole=True)
+    put(fields.phi, fields, 1, 1)
+    inner = np.zeros(SHAPES[0])
     inner[3, 3, 1] = 1  # its surface lies within the cubes of cell 1's box
+    put(fields.phi, fields, 0, inner)
     with_extents(fields)
     found = np.zeros(len(PAIRS))
     work = make_work(fields, threads=3)

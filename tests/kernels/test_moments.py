@@ -6,7 +6,7 @@ import pytest
 from morphosim.kernels.moments import N_MOMENTS, find_extents, moments, overlapping_pairs
 from morphosim.kernels.sharing import shares_of
 
-from .example_boxes import both_ways, box, taken
+from .example_boxes import both_precisions, both_ways, box, put, taken
 from .example_fields import LOW_LEVEL, SHAPES, random_fields
 
 SHARES = shares_of([0, 3, 3, 4], threads=3)
@@ -18,9 +18,10 @@ POWERS = [
 
 
 @both_ways
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_moments(way: str, dtype: type) -> None:
-    fields = random_fields(3, dtype)
+@pytest.mark.parametrize("whole", [True, False])
+@both_precisions
+def test_moments(way: str, dtype: type, whole: bool) -> None:
+    fields = random_fields(3, dtype, whole)
     found = np.full((len(SHAPES), N_MOMENTS), 1e30)
     taken(moments, way)(SHARES, fields, found)
     for i, shape in enumerate(SHAPES):
@@ -37,11 +38,13 @@ def test_moments(way: str, dtype: type) -> None:
 
 
 @both_ways
+@pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize("level", [LOW_LEVEL, 0.9])
-def test_extents(level: float, way: str) -> None:
-    fields = random_fields(5)
+def test_extents(level: float, whole: bool, way: str) -> None:
+    fields = random_fields(5, whole=whole)
     outer = box(fields.phi, fields, 0)
     outer[0], outer[:, :, -2:], outer[2, 2, 2] = 0, level, -2
+    put(fields.phi, fields, 0, outer)
     taken(find_extents, way)(SHARES, fields, level)
     for i in range(3):
         where = np.argwhere(np.abs(box(fields.phi, fields, i)) > level)

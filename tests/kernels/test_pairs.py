@@ -64,7 +64,7 @@ def test_pairs_add_the_weighted_fields_of_their_cells(way: str) -> None:
 def test_cells_that_pull_on_the_same_points_add_up(way: str) -> None:
     """In a pool without gaps, whose first frame begins at 0."""
     origins = ((0, 0, 0), (1, 2, 1), (2, -1, 3), (90, 0, 0), (99, 0, 0))
-    boxes, phi = make_boxes(9, origins, ((8, 8, 8),) * 5)
+    boxes, phi = make_boxes(9, origins, ((8, 8, 16),) * 5)
     pairs, target = make_pairs(boxes, gap=0)
     taken(accumulate_pairs, way)(
         shares_of([0, 1], threads=1), np.array([0]), pairs, phi, boxes, target
@@ -78,8 +78,8 @@ def test_cells_that_pull_on_the_same_points_add_up(way: str) -> None:
 @both_ways
 def test_the_halo_of_a_frame_sees_others_too(way: str) -> None:
     """A cell whose box only touches the halo: it is felt through the gradient."""
-    origins = ((0, 0, 0), (0, 0, 8), (0, -9, 0), (8, 0, 0), (99, 0, 0))
-    boxes, phi = make_boxes(9, origins, ((8, 8, 8),) * 5)
+    origins = ((0, 0, 0), (0, 0, 16), (0, -9, 0), (8, 0, 0), (99, 0, 0))
+    boxes, phi = make_boxes(9, origins, ((8, 8, 16),) * 5)
     pairs, target = make_pairs(boxes)
     taken(accumulate_pairs, way)(
         shares_of([0, 1], threads=1), np.array([0]), pairs, phi, boxes, target

@@ -6,7 +6,7 @@ import pytest
 from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.surfaces import corners, cut_cube, surfaces
 
-from .example_boxes import both_ways, taken
+from .example_boxes import both_precisions, both_ways, taken
 from .example_fields import (
     FAINT,
     LEVEL,
@@ -22,9 +22,10 @@ SHARES = shares_of([0, 1, 1, 4], threads=3)
 
 
 @both_ways
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_area_and_volume(way: str, dtype: type) -> None:
-    fields = with_extents(random_fields(1, dtype))
+@pytest.mark.parametrize("whole", [True, False])
+@both_precisions
+def test_area_and_volume(way: str, dtype: type, whole: bool) -> None:
+    fields = with_extents(random_fields(1, dtype, whole))
     found = np.full((len(SHAPES), 2), 1e30)
     taken(surfaces, way)(SHARES, fields, LEVEL, make_work(fields, threads=3), found)
     for i in range(3):
