@@ -40,7 +40,7 @@ COLUMNS = (
     Column("ahead", inherits=False, optional=True),
 )
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
-AT_ONCE = 256
+AT_ONCE = 64
 """Boxes that are laid together: until all are, they are held whole beside the pools."""
 SPARE = 32
 """A cell gets room for one more point per so many, as its band changes from step to step."""
