@@ -6,6 +6,7 @@ from numba import prange
 from morphosim.kernels._jit import inline_kernel, kernel, parallel_kernel
 from morphosim.kernels.frames import clear_row, copy_row
 from morphosim.kernels.rows import (
+    BLOCK,
     HIGH,
     LOW,
     N_SPANS,
@@ -172,7 +173,12 @@ def survey_stretch(values, first, count, limits, out):
 
 @inline_kernel()
 def span_beyond(values, first, low, high, level):
-    """[z0, z1) that holds all |φ| > level of a span of a row, which begins at `first`."""
+    """[z0, z1) that holds all |φ| > level of a span of a row, whose z = 0 is at `first`."""
+    last = high - BLOCK
+    begin, found = beyond(values, np.uint64(first + low), level)
+    other, end = beyond(values, np.uint64(first + last), level)
+    if found > 0 and end > 0:
+        return low + begin, last + end
     z0, z1 = high, low
     for k in range(n_blocks(low, high)):
         z = block(k, low, high)

@@ -17,6 +17,7 @@ from morphosim.kernels.rows import (
     NEW_HIGH,
     NEW_LOW,
     add_ends,
+    fetch,
     list_spans,
     listed,
     reach,
@@ -78,6 +79,10 @@ def add_cell(i, corner, length, phi, boxes, g, repulsion, first, potential, pote
         for _ in range(y0, y1):
             low, high = np.int64(boxes.low[row]), np.int64(boxes.high[row])
             offset, source = line + low, boxes.start[i] + boxes.place[row] + low
+            next_plane = min(row + ny, boxes.low.shape[0] - 1)
+            ahead = boxes.start[i] + boxes.place[next_plane] + boxes.low[next_plane]
+            fetch(phi, ahead)
+            fetch(phi, ahead + BLOCK)
             if low < high:
                 add_span(
                     phi, source, high - low, g, repulsion, first + offset, potential,
@@ -270,6 +275,15 @@ def gather(
             first, length, line = cover[k, 0], cover[k, 1], frame_index(x, y, 0, sx, sy)
             z = row_of(lx, ly) * length + cover[k, 2] + HALO
             own_g = -share * interaction.g
+            if first >= 0:
+                ahead = first + z + WIDTH * length  # the same row of the next plane
+                if r0 < r1:
+                    fetch(columns.repulsion, ahead + r0)
+                    fetch(columns.repulsion, ahead + r1)
+                if psi is not None and p0 < p1 and columns.potential is not None:
+                    fetch(columns.potential, ahead + p0)
+                    fetch(columns.potential, ahead + p0 + 16)
+                    fetch(columns.potential, ahead + p1)
             if r0 < r1:
                 for at in range(r0 + BLOCK, r1 - BLOCK, BLOCK):
                     read_block(

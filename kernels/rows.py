@@ -99,15 +99,11 @@ def list_blocks(i, boxes, whole, blocks):
             low, high = np.int64(boxes.low[row]), np.int64(boxes.high[row])
             if whole:
                 low, high = np.int64(0), boxes.shape[i, 2]
-            place, count = np.int64(boxes.place[row]), n_blocks(low, high)
-            for k in range(1, count - 1):
-                blocks[FRAME, n + k], blocks[STRETCH, n + k] = (
-                    goal + low + k * BLOCK, place + low + k * BLOCK,
-                )  # fmt: skip
-            for k, z in ((0, min(low, high - BLOCK)), (count - 1, high - BLOCK)):
-                at = n + max(k, 0)  # where there is none, the next row writes here again
-                blocks[FRAME, at], blocks[STRETCH, at] = goal + z, place + z
-            n += count
+            place = np.int64(boxes.place[row])
+            for k in range(n_blocks(low, high)):
+                z = block(k, low, high)
+                blocks[FRAME, n], blocks[STRETCH, n] = goal + z, place + z
+                n += 1
             row += 1
             goal += sy
     return n
@@ -487,3 +483,29 @@ def settle_rows(i, boxes, spans):
             boxes.low[first + y], boxes.high[first + y] = low, high
             boxes.place[first + y] = place - low
             place += high - low
+
+
+@intrinsic
+def _fetch(typing_context, values, first):
+    """See `fetch`."""
+
+    def generate(context, builder, signature, arguments):
+        array = context.make_array(values)(context, builder, arguments[0])
+        at = builder.gep(array.data, [arguments[1]])
+        pointer = builder.bitcast(at, ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, WORD, WORD, WORD])
+        function = builder.module.globals.get("llvm.prefetch.p0") or ir.Function(
+            builder.module, kind, "llvm.prefetch.p0"
+        )
+        builder.call(function, [pointer, WORD(0), WORD(3), WORD(1)])
+
+    return types.void(values, types.uint64), generate
+
+
+def fetch(values, first):
+    """Ask for the cache line of a value that will be read soon; it may lie beyond the array."""
+
+
+@overload(fetch, jit_options={"forceinline": True})
+def _typed_fetch(values, first):
+    return lambda values, first: _fetch(values, np.uint64(first))
