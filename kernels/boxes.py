@@ -176,7 +176,7 @@ def span_beyond(values, first, low, high, level):
     """[z0, z1) that holds all |φ| > level of a span of a row, whose z = 0 is at `first`."""
     last = high - BLOCK
     begin, found = beyond(values, np.uint64(first + low), level)
-    other, end = beyond(values, np.uint64(first + last), level)
+    _, end = beyond(values, np.uint64(first + last), level)
     if found > 0 and end > 0:
         return low + begin, last + end
     z0, z1 = high, low
