@@ -115,6 +115,13 @@ def widen(found, guard, nx, ny):
             found[x, 0], found[x, 1] = max(low, 0), min(high, ny)
 
 
+@inline_kernel()
+def copy_rows(rows, target, first, nx):
+    """Copy the rows [y0, y1) of nx planes; an assignment of slices would take seconds to compile."""
+    for x in range(nx):
+        target[first + x, 0], target[first + x, 1] = rows[x, 0], rows[x, 1]
+
+
 @kernel()
 def clear_outside(values, first, rows, nx, ny, nz):
     """Set a box to 0 outside of these rows of each plane; return Σ of what was there."""

@@ -20,7 +20,16 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel, times
-from morphosim.kernels.boxes import BAD, GUARD, TOTAL, row_total, survey, widen
+from morphosim.kernels.boxes import (
+    BAD,
+    GUARD,
+    N_SURVEYED,
+    TOTAL,
+    copy_rows,
+    row_total,
+    survey,
+    widen,
+)
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import force, gradient
 from morphosim.kernels.frames import (
@@ -183,7 +192,7 @@ def keep(i, frame, boxes, limits, found, new, rows, survey_of):
         boxes.band[plane : plane + nx], False, limits, found, survey_of,
     )  # fmt: skip
     widen(found, GUARD, nx, ny)
-    rows[plane : plane + nx] = found[:nx]
+    copy_rows(found, rows, plane, nx)
     for x in range(nx):
         y0, y1 = band_rows(x, i, boxes, False)
         for y in range(y0, y1):
@@ -287,8 +296,9 @@ def take_step(i, new, phi, ahead, growth, boxes, rows, found, surveys, lost, tot
                 dropped += row_total(new, first, nz)
                 clear_row(phi, first, nz)
                 clear_row(ahead, first, nz)
-        boxes.band[plane] = rows[plane]
-    surveys[i] = found
+        boxes.band[plane, 0], boxes.band[plane, 1] = rows[plane, 0], rows[plane, 1]
+    for k in range(N_SURVEYED):
+        surveys[i, k] = found[k]
     surveys[i, TOTAL] -= dropped
     lost[i] += dropped
     totals[i] = total

@@ -11,7 +11,16 @@ import numpy as np
 from numba import prange
 
 from morphosim.kernels._jit import choose, kernel, parallel_kernel
-from morphosim.kernels.boxes import BAD, GUARD, TOTAL, row_total, survey, widen
+from morphosim.kernels.boxes import (
+    BAD,
+    GUARD,
+    N_SURVEYED,
+    TOTAL,
+    copy_rows,
+    row_total,
+    survey,
+    widen,
+)
 from morphosim.kernels.chebyshev import iterate
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import right_hand_side
@@ -77,9 +86,9 @@ def settle(i, boxes, found, out, surveys):
     if out[BAD] > 0:
         surveys[i, BAD] = out[BAD]
         return False
-    surveys[i] = out
-    first, nx = boxes.plane_start[i], boxes.shape[i, 0]
-    boxes.band[first : first + nx] = found[:nx]
+    for k in range(N_SURVEYED):
+        surveys[i, k] = out[k]
+    copy_rows(found, boxes.band, boxes.plane_start[i], boxes.shape[i, 0])
     return True
 
 
@@ -91,7 +100,7 @@ def accept_box(i, phi, values, boxes, limits, found, out, surveys):
     widen(found, GUARD, nx, ny)
     sound = settle(i, boxes, found, out, surveys)
     if sound:
-        phi[boxes.start[i] : boxes.start[i] + nx * ny * nz] = values[: nx * ny * nz]
+        copy_row(values, np.uint64(0), phi, np.uint64(boxes.start[i]), nx * ny * nz)
     return sound
 
 
