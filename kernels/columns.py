@@ -98,7 +98,9 @@ def clear_column(first, points, n_types, background, field, repulsion, potential
         last = (first + points) * n_types
         potential[first * n_types : last] = 0
         if field is not None:
-            copy_row(field, np.uint64(first), potential, np.uint64(last - points), points)
+            for k in range(field.shape[0]):
+                goal = last - (field.shape[0] - k) * points
+                copy_row(field[k], np.uint64(first), potential, np.uint64(goal), points)
 
 
 @kernel()

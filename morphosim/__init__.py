@@ -67,6 +67,10 @@ _EXPORTS = {
     "RootObserver": "mpi.distributed_simulation",
     "Numerics": "numerics.parameters",
     "Attraction": "physics.attraction",
+    "Centrifuge": "physics.centrifuge",
+    "Chemotaxis": "physics.chemotaxis",
+    "Flow": "physics.flow",
+    "Gravity": "physics.gravity",
     "Physics": "physics.parameters",
     "pack": "runs.pack",
     "load_fields": "runs.saved_fields",
@@ -132,6 +136,10 @@ if TYPE_CHECKING:
     from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
+    from morphosim.physics.centrifuge import Centrifuge
+    from morphosim.physics.chemotaxis import Chemotaxis
+    from morphosim.physics.flow import Flow
+    from morphosim.physics.gravity import Gravity
     from morphosim.physics.parameters import Physics
     from morphosim.physics.term import (
         Concern,
@@ -181,6 +189,8 @@ __all__ = [
     "CellCount",
     "CellTable",
     "CellVanishedError",
+    "Centrifuge",
+    "Chemotaxis",
     "Column",
     "ColumnarLayer",
     "Concern",
@@ -194,8 +204,10 @@ __all__ = [
     "EllipsoidShell",
     "Environment",
     "Field",
+    "Flow",
     "Forces",
     "FunctionWalls",
+    "Gravity",
     "Growth",
     "LabelImage",
     "Lineage",

@@ -376,13 +376,13 @@ class Engine(CellView):
         """Set up all that depends on which cells there are, and on parameters."""
         physics, numerics, cells = self.physics, self.numerics, self.cells
         all_tensions = physics.surface_tension.tensions(self.everyone)
-        environment = Environment(numerics, self.confinement, float(all_tensions.mean()))
+        scale = physics.interface_scale
+        environment = Environment(numerics, self.confinement, float(all_tensions.mean()), scale)
         self._terms = physics.active_terms
         for term in self._terms:
             term.prepare(cells, numerics)
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
-        scale = physics.interface_scale
         self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype, scale)
         tensions = physics.surface_tension.tensions(cells)
         self.solver.set_up(physics, tensions, np.unique(all_tensions), self.explicit_rate)
@@ -435,7 +435,7 @@ class Engine(CellView):
         length = ticks * numerics.tick
         step = Step(
             self.ticks, self.time, self._forces_at(ticks), length, numerics.dt, numerics.seed,
-            volumes,
+            volumes, self.physics.tau,
         )  # fmt: skip
         forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:

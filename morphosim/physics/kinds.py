@@ -1,0 +1,17 @@
+"""Force terms by the `kind` that `physics.terms` of a scene file names them by.
+
+Another one is a file here and a row of `TERMS`.
+"""
+
+from morphosim.physics.centrifuge import Centrifuge
+from morphosim.physics.chemotaxis import Chemotaxis
+from morphosim.physics.flow import Flow
+from morphosim.physics.gravity import Gravity
+from morphosim.physics.term import Term
+
+TERMS: dict[str, type[Term]] = {
+    "gravity": Gravity,
+    "centrifuge": Centrifuge,
+    "flow": Flow,
+    "chemotaxis": Chemotaxis,
+}
