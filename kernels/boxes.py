@@ -117,7 +117,7 @@ def widen(found, guard, nx, ny):
 
 @inline_kernel()
 def copy_rows(rows, target, first, nx):
-    """Copy the rows [y0, y1) of nx planes; an assignment of slices would take seconds to compile."""
+    """Copy the rows [y0, y1) of nx planes; to assign slices takes seconds to compile."""
     for x in range(nx):
         target[first + x, 0], target[first + x, 1] = rows[x, 0], rows[x, 1]
 

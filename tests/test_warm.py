@@ -5,8 +5,9 @@ import pkgutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import suppress
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +20,7 @@ from typer.testing import CliRunner
 
 import morphosim
 from morphosim import Cell, Scene, Simulation, Sphere, Term, built_in_scene
+from morphosim._isolated import process_beside
 from morphosim.cli import app
 from morphosim.errors import SimulationError
 from morphosim.library.built_in import scene_names
@@ -157,16 +159,30 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """How many stand-ins are compiled for, each time."""
+    """How many stand-ins are compiled for, each time, by nobody."""
     counts: list[int] = []
 
-    def compile_none(stand_ins: Any, tell: Any) -> int:
-        counts.append(len(stand_ins))
-        tell(warming.WHAT, 3, 7)
-        return 7
+    class Nobody:
+        total, finished, closed = 7, True, False
 
-    monkeypatch.setattr(warming, "_compile", compile_none)
+        def __init__(self, stand_ins: Sequence[Any]) -> None:
+            counts.append(len(stand_ins))
+
+        def wait(self, tell: Any, soon: bool = False) -> None:
+            tell(warming.WHAT, 3, 7)
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(warming, "_Crew", Nobody)
     return counts
+
+
+def comes(place: Path) -> bool:
+    """Whether a file is there soon, which another thread writes."""
+    end = time.monotonic() + 10
+    while not place.exists() and time.monotonic() < end:
+        time.sleep(0.01)
+    return place.exists()
 
 
 def test_the_first_simulation_compiles_ahead_and_says_so(done: Path, compiled: list[int]) -> None:
@@ -175,8 +191,32 @@ def test_the_first_simulation_compiles_ahead_and_says_so(done: Path, compiled: l
         Simulation(BALL)
         Simulation(BALL)
     assert compiled == [1]
-    assert done.exists()
+    assert comes(done)
     assert "compiling kernels, once per installation: 3 of 7" in texts
+
+
+def test_a_run_begins_when_what_a_step_calls_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is compiled before anything else, and the run does not wait for the rest."""
+    monkeypatch.setattr(warming, "process_beside", lambda program: process_beside(STAND_STILL))
+    told: list[tuple[int, int]] = []
+    with closing(warming._Crew([stand_in(BALL)])) as crew:
+        crew.wait(lambda what, *counts: told.append(counts), soon=True)
+        assert not crew.finished
+    assert crew.closed
+    assert told[-1][0] >= 2
+    assert told[-1][1] == 5
+
+
+STAND_STILL = """
+import json, pickle, sys, time
+pickle.load(sys.stdin.buffer)
+soon, later = (["a", 1, True], ["c", 2, True]), (["b", 9, False], ["d", 8, False], ["e", 7, False])
+print(json.dumps([*later, *soon]), flush=True)
+for line in sys.stdin:
+    time.sleep(60 if json.loads(line) in "bde" else 0)
+    print(flush=True)
+"""
+"""Program of a process that never compiles what is not needed soon."""
 
 
 def test_processes_compile_all_that_a_scene_calls() -> None:
@@ -253,7 +293,7 @@ def test_a_process_that_dies_is_told_by_warm_and_left_to_the_run(
     with pytest.raises(OSError, match="a process that compiles kernels has died"):
         warming.warm([BALL], lambda *told: None)
     Simulation(BALL)
-    assert done.exists()  # so that the next one does not try again
+    assert comes(done)  # so that the next one does not try again
 
 
 if __name__ == "__main__":
