@@ -36,6 +36,8 @@ SERVE = "from morphosim.simulation.compiler import serve; serve()"
 WHAT = "compiling kernels, once per installation"
 MOST = 8
 """Processes at most: there are no more kernels that take long."""
+PATIENCE = 600.0
+"""Seconds to wait for another process that compiles; it may have been stopped."""
 _AHEAD = ContextVar("ahead", default=True)
 _UNDER_WAY: set[Path] = set()
 """Files that will say what has been compiled, when that which this process runs beside it is."""
@@ -105,7 +107,7 @@ def warm(scenes: Iterable[Scene], tell: TellWhat) -> int:
     ValueError
         Compiled kernels cannot be kept, or a scene has what another process does not find.
     OSError
-        A process has died.
+        A process has died, or another one that compiles does not come to an end.
     """
     place = _done_file()
     if place is None:
@@ -144,7 +146,7 @@ def _note(place: Path, digests: Iterable[str]) -> None:
 
 def _locked(place: Path) -> FileLock:
     """One process at a time, of all that start at once; a thread may end what another began."""
-    return FileLock(place.with_suffix(".lock"), thread_local=False)
+    return FileLock(place.with_suffix(".lock"), timeout=PATIENCE, thread_local=False)
 
 
 def _pickled(stand_ins: Sequence[StandIn]) -> bytes:
