@@ -71,6 +71,7 @@ _EXPORTS = {
     "Chemotaxis": "physics.chemotaxis",
     "Flow": "physics.flow",
     "Gravity": "physics.gravity",
+    "Polarity": "physics.polarity",
     "Physics": "physics.parameters",
     "pack": "runs.pack",
     "load_fields": "runs.saved_fields",
@@ -141,6 +142,7 @@ if TYPE_CHECKING:
     from morphosim.physics.flow import Flow
     from morphosim.physics.gravity import Gravity
     from morphosim.physics.parameters import Physics
+    from morphosim.physics.polarity import Polarity
     from morphosim.physics.term import (
         Concern,
         Conditions,
@@ -218,6 +220,7 @@ __all__ = [
     "Observer",
     "Physics",
     "PhysicsChange",
+    "Polarity",
     "Polyhedron",
     "ProgressBar",
     "Proliferation",

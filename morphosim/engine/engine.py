@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from morphosim.kernels.boxes import BAD, CORE, EDGE, FACE
 from morphosim.kernels.layout import CellTerms, Limits, Scheme
 from morphosim.kernels.points import records
 from morphosim.measure.measurement import Measurement, measure
+from morphosim.measure.surroundings import Surroundings
 from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.numerics.threads import check_threads
@@ -413,6 +415,14 @@ class Engine(CellView):
             weights=np.zeros((n, 0), self.dtype),
         )
 
+    def _surroundings(self) -> Surroundings:
+        """What cells can feel of where they are."""
+        pool, walls = self.pool, self.confinement
+        return Surroundings(
+            pool.acting, pool.origin, pool.shape, pool.start, self.numerics.spacing,
+            None if walls is None else walls.depth,
+        )  # fmt: skip
+
     def _scheme(self, fresh: bool) -> Scheme:
         numbers = coefficients(self.numerics, self.physics.tau, self.S, fresh)
         return Scheme(**{name: self.dtype.type(value) for name, value in numbers.items()})
@@ -437,6 +447,8 @@ class Engine(CellView):
             self.ticks, self.time, self._forces_at(ticks), length, numerics.dt, numerics.seed,
             volumes, self.physics.tau,
         )  # fmt: skip
+        if any(term.senses(step) for term in self._terms):
+            step = replace(step, surroundings=self._surroundings())
         forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0

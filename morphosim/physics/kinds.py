@@ -7,6 +7,7 @@ from morphosim.physics.centrifuge import Centrifuge
 from morphosim.physics.chemotaxis import Chemotaxis
 from morphosim.physics.flow import Flow
 from morphosim.physics.gravity import Gravity
+from morphosim.physics.polarity import Polarity
 from morphosim.physics.term import Term
 
 TERMS: dict[str, type[Term]] = {
@@ -14,4 +15,5 @@ TERMS: dict[str, type[Term]] = {
     "centrifuge": Centrifuge,
     "flow": Flow,
     "chemotaxis": Chemotaxis,
+    "polarity": Polarity,
 }

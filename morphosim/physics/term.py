@@ -20,6 +20,7 @@ from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable, Column
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.points import PointForce
+from morphosim.measure.surroundings import Surroundings
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.by_type import ByType
 
@@ -55,6 +56,9 @@ class Step:
         ∫ φ of each cell, µm³.
     tau : float
         Viscosity τ: a drift d moves a cell with the velocity -d/τ.
+    surroundings : Surroundings or None
+        Where cells are and what they touch, if a term `senses` it in this step. Then ghost cells
+        have the columns of terms, too.
     """
 
     number: int
@@ -65,6 +69,7 @@ class Step:
     seed: int
     volumes: Floats
     tau: float
+    surroundings: Surroundings | None = None
 
     __repr__ = short_repr
 
@@ -297,6 +302,10 @@ class Term:
 
     def surround(self, environment: Environment) -> None:
         """Add to what cells feel of each other and of space; called as `prepare` is."""
+
+    def senses(self, step: Step) -> bool:
+        """Whether `update` asks for `Step.surroundings` in a step; the same on all ranks."""
+        return False
 
     def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
         """Add to pressure and drift, and advance its own columns by a step."""

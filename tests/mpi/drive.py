@@ -27,6 +27,7 @@ from morphosim import (
     Growth,
     Numerics,
     Physics,
+    Polarity,
     Proliferation,
     QuasiSteady,
     Removal,
@@ -121,7 +122,7 @@ def controlled() -> Scene:
 
 
 def growing() -> Scene:
-    """Cells that divide, several at a time, grow and die by rules of all kinds."""
+    """Polar cells that divide, several at a time, grow and die by rules of all kinds."""
     rules = [
         Proliferation(volume=290.0, spread=0.15, axis="long", into={"B": ("A", "B")}),
         Proliferation(rate=5e-3, axis="outward", neighbours=6, types=["A"]),
@@ -129,8 +130,12 @@ def growing() -> Scene:
         Growth(doubling_time=60.0, spread=0.2, pressure=0.4),
     ]
     life = Stage(name="life", end=Duration(30), rules=rules, rules_every=5.0)
+    polarity = Polarity(
+        alpha=0.1, diffusion=0.02, align={"velocity": 0.1, "neighbours": 0.2, "contacts": -0.1},
+        where="free", daughters="opposite", look_every=3.0,
+    )  # fmt: skip
     return Scene(
-        cells=cells(8), physics=STICKY, stages=[life],
+        cells=cells(8), physics=replace(STICKY, terms=[polarity]), stages=[life],
         numerics=numerics(seed=2),
     )  # fmt: skip
 

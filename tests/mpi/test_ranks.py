@@ -74,9 +74,9 @@ def test_same_state_as_on_one_rank(scene: str, alone: Path, over: Path) -> None:
                 np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-6)
             else:
                 np.testing.assert_array_equal(found[name], expected[name])
-        for name in set(expected.files) & {"phi", "heading"}:
+        for name in set(expected.files) & {"phi", "heading", "polarity"}:
             np.testing.assert_array_equal(found[name], expected[name])
-        assert scene != "growing" or {"born", "generation", "grown_from"} <= set(expected.files)
+        assert scene != "growing" or {"born", "generation", "polarity"} <= set(expected.files)
     assert scene != "staged" or {"heading", "course", "age", "swims"} <= set(expected.files)
 
 
