@@ -72,6 +72,7 @@ _EXPORTS = {
     "Flow": "physics.flow",
     "Gravity": "physics.gravity",
     "Polarity": "physics.polarity",
+    "WallAdhesion": "physics.wall_adhesion",
     "Physics": "physics.parameters",
     "pack": "runs.pack",
     "load_fields": "runs.saved_fields",
@@ -151,6 +152,7 @@ if TYPE_CHECKING:
         Step,
         Term,
     )
+    from morphosim.physics.wall_adhesion import WallAdhesion
     from morphosim.runs.pack import pack
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
@@ -241,6 +243,7 @@ __all__ = [
     "Step",
     "Term",
     "VolumeCourse",
+    "WallAdhesion",
     "When",
     "__version__",
     "built_in_scene",

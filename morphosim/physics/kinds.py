@@ -9,6 +9,7 @@ from morphosim.physics.flow import Flow
 from morphosim.physics.gravity import Gravity
 from morphosim.physics.polarity import Polarity
 from morphosim.physics.term import Term
+from morphosim.physics.wall_adhesion import WallAdhesion
 
 TERMS: dict[str, type[Term]] = {
     "gravity": Gravity,
@@ -16,4 +17,5 @@ TERMS: dict[str, type[Term]] = {
     "flow": Flow,
     "chemotaxis": Chemotaxis,
     "polarity": Polarity,
+    "wall_adhesion": WallAdhesion,
 }
