@@ -13,9 +13,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from numba import typeof
 from typer.testing import CliRunner
 
-from morphosim import Cell, Scene, Simulation, Sphere, Term, built_in_scene
+from morphosim import (
+    Attraction,
+    Cell,
+    EllipsoidShell,
+    Physics,
+    Scene,
+    Simulation,
+    Sphere,
+    Term,
+    built_in_scene,
+)
 from morphosim._isolated import process_beside
 from morphosim.cli import app
 from morphosim.errors import SimulationError
@@ -181,6 +192,21 @@ def test_a_run_begins_when_what_a_step_calls_is_there(monkeypatch: pytest.Monkey
     assert crew.closed
     assert told[-1][0] >= 2
     assert told[-1][1] == 5
+
+
+def test_walls_and_pairs_need_no_step_of_their_own() -> None:
+    """What they add reaches a step in arrays that it takes in any case."""
+    cells = [
+        Cell(name=n, shape=Sphere(center=(x, 0, 0), radius=3)) for n, x in (("a", 0), ("b", 5))
+    ]
+    plain = Scene(cells=cells, physics=Physics(sigma=0.5))
+    pulled = Physics(sigma=Attraction(default=0.5, pairs={("a", "b"): 0.9}))
+    shell = EllipsoidShell(center=(2.5, 0, 0), semi_axes=(7, 5, 5))
+    types = []
+    for scene in (plain, replace(plain, physics=pulled, confinement=shell)):
+        coupling = Simulation(scene).engine._coupling
+        types.append([typeof(given) for given in (coupling.columns, *coupling.pairs)])
+    assert types[0] == types[1]
 
 
 STAND_STILL = """

@@ -143,6 +143,9 @@ class ColumnCover:
     Attributes
     ----------
     columns : Columns
+    sums : Columns
+        Of them what cells feel: what is summed, not what walls and space add to it. So a step is
+        compiled once, with walls or without.
     lists : ColumnLists
     shares : Shares
         Of the columns.
@@ -151,6 +154,7 @@ class ColumnCover:
     """
 
     columns: Columns
+    sums: Columns
     lists: ColumnLists
     shares: Shares
     wall: float
@@ -237,6 +241,7 @@ class ColumnCover:
                 else None
             ),
         )
+        self.sums = self.columns._replace(background=None, field=None)
         self._points = int(points.sum())
         self.wall = self._largest_wall()
 

@@ -67,6 +67,7 @@ class Coupling:
         ]
         tiles = [field.tiles for field in self._fields if field.tiles is not None]
         self._cover.configure(self._interactions.n_fields, self._walls.tiles, tiles)
+        self._no_pairs = np.full(len(cells), -1), np.zeros(0, self._dtype)
 
     def lay_out(self, pool: BoxPool) -> None:
         """Make room for the sums where the boxes are."""
@@ -102,8 +103,13 @@ class Coupling:
 
     @property
     def columns(self) -> Columns | None:
-        """The sums; None where nothing acts."""
-        return self._cover.columns if self.acts else None
+        """The sums, without what walls and space add to them; None where nothing acts."""
+        return self._cover.sums if self.acts else None
+
+    @property
+    def walls(self) -> NDArray[np.floating] | None:
+        """R of walls by column; None without walls."""
+        return self._cover.columns.background if self.acts else None
 
     @property
     def lists(self) -> ColumnLists:
@@ -112,9 +118,9 @@ class Coupling:
 
     @property
     def pairs(self) -> tuple[Any, Any]:
-        """Where the frames of pulled cells start, and the pool of their potentials, or None."""
+        """Where the frames of pulled cells start, and the pool of their potentials."""
         pairs = self._interactions.pairs
-        return (None, None) if pairs is None else (pairs.frame_start, self._pair_potential)
+        return self._no_pairs if pairs is None else (pairs.frame_start, self._pair_potential)
 
     @property
     def strongest(self) -> float:
