@@ -33,6 +33,8 @@ from numba.core import types
 from numba.core.compiler import Compiler
 from numba.extending import overload
 
+from morphosim.kernels._shared_cache import share
+
 FAST_MATH = frozenset({"reassoc", "nsz", "arcp", "contract", "afn"})
 
 
@@ -154,11 +156,13 @@ def kernel(
 
     def decorate(function: Callable[..., Any]) -> Any:
         with _cached_in(CACHE.folder or ""):
-            return numba.njit(
+            compiled = numba.njit(
                 error_model="numpy", fastmath=set(FAST_MATH), nogil=True, boundscheck=False,
-                cache=kept and CACHE.folder is not None, pipeline_class=compiler,
-                no_cfunc_wrapper=True, **options,
+                pipeline_class=compiler, no_cfunc_wrapper=True, **options,
             )(function)  # fmt: skip
+            if kept and CACHE.folder is not None and not numba.config.DISABLE_JIT:
+                share(compiled)
+        return compiled
 
     return decorate
 

@@ -130,6 +130,13 @@ def widen_planes(found, guard, nx, ny):
             found[x, 0], found[x, 1] = max(low, 0), min(high, ny)
 
 
+@inline_kernel()
+def keep_survey(i, out, surveys):
+    """Keep what a survey of cell i has found; to assign slices takes seconds to compile."""
+    for k in range(N_SURVEYED):
+        surveys[i, k] = out[k]
+
+
 @kernel()
 def settle_planes(i, boxes, found):
     """Make these rows [y0, y1) of each plane the band of cell i, whose box is kept whole."""

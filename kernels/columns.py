@@ -123,14 +123,16 @@ def lay_tiles(tiles, slots, depth, out):
 def clear_column(first, points, n_types, background, field, repulsion, potential):
     """Start a column's sums: the shares of walls and of space, or nothing."""
     if background is not None:
-        repulsion[first : first + points] = background[first : first + points]
+        copy_row(background, np.uint64(first), repulsion, np.uint64(first), points)
     else:
         repulsion[first : first + points] = 0
     if potential is not None:
         last = (first + points) * n_types
         potential[first * n_types : last] = 0
         if field is not None:
-            potential[last - points : last] = field[first : first + points]
+            for k in range(field.shape[0]):
+                goal = last - (field.shape[0] - k) * points
+                copy_row(field[k], np.uint64(first), potential, np.uint64(goal), points)
 
 
 @kernel()

@@ -252,7 +252,7 @@ def add_defects(i, boxes, whole, phi, psi, weights, gamma, pressure, dx, dy, dz,
 
 
 @inline_kernel()
-def pressed_by_walls(i, boxes, columns, phi):
+def pressed_by_walls(i, boxes, columns, walls, phi):
     """How one-sided walls press cell i: |Σ φ R ∇φ| / Σ |φ R ∇φ|; 0 without walls."""
     ox, oy = boxes.origin[i, 0] - HALO, boxes.origin[i, 1] - HALO
     sx, sy = strides(i, boxes)
@@ -273,7 +273,7 @@ def pressed_by_walls(i, boxes, columns, phi):
             low, high = row_span(x, y, i, boxes)
             for z in range(low, high):
                 p = np.uint64(first + z)
-                weight = phi[p] * columns.background[np.uint64(wall + z)]
+                weight = phi[p] * walls[np.uint64(wall + z)]
                 gx = phi[p + ux] - phi[p - ux]
                 gy = phi[p + uy] - phi[p - uy]
                 gz = phi[p + one] - phi[p - one]
@@ -300,7 +300,7 @@ def add_up(i, time, rate, sums, defect, drift, clock):
 @inline_kernel()
 def measure_cell(
     i, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start, pair_potential,
-    work, weights, rate, wall_error, time, sums, defect, drift, clock, use_psi, use_walls,
+    work, weights, rate, wall_error, time, sums, defect, drift, clock, use_psi, walls,
 ):  # fmt: skip
     """`measure_defects` of cell i."""
     frames, felt, blocks = work.frames[0], work.stretches[0, 0], work.blocks[0]
@@ -317,8 +317,8 @@ def measure_cell(
             )  # fmt: skip
         else:
             clear(i, boxes, psi)
-    if use_walls is not None:
-        clock[i, WALL] = wall_error * pressed_by_walls(i, boxes, columns, field)
+    if walls is not None:
+        clock[i, WALL] = wall_error * pressed_by_walls(i, boxes, columns, walls, field)
     if whole:
         mirror(i, boxes, field)
     add_defects(
@@ -333,7 +333,7 @@ def measure_cell(
 def measure_defects(
     order, due, phi, boxes, whole, gamma, pressure, push, interaction, columns, pairs_start,
     pair_potential, work, weights, rates, wall_errors, time, sums, defect, drift, clock, use_psi,
-    use_walls,
+    walls,
 ):  # fmt: skip
     """Measure what stencils and walls do wrong, and carry on the errors in space.
 
@@ -357,12 +357,13 @@ def measure_defects(
     sums : (threads, 12), overwritten
     defect, drift : (N, 3) velocities by defects, and errors in space, updated
     clock : (N, N_CLOCK), updated
-    use_psi, use_walls : True, or None where there is no such physics
+    use_psi : True, or None where there is no such physics
+    walls : R of walls by column, or None where they are not one-sided
     """
     for i in order:
         if due[i]:
             measure_cell(
                 i, phi, boxes, whole, gamma[i], pressure[i], push, interaction, columns,
                 pairs_start, pair_potential, work, weights, rates[i], wall_errors[i], time,
-                sums[0], defect, drift, clock, use_psi, use_walls,
+                sums[0], defect, drift, clock, use_psi, walls,
             )  # fmt: skip

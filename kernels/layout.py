@@ -68,7 +68,7 @@ class Columns(NamedTuple):
     background: Any
     """R of walls by column, such as g_e φ_e², or None without walls."""
     field: Any
-    """ψ of space by column, or None; it is the last of the potentials."""
+    """(F, points) ψ of space by column, or None; they are the last of the potentials."""
     repulsion: Any
     """Σ g φ² + background by column; None if nothing repels."""
     potential: Any
@@ -98,8 +98,8 @@ class Interaction(NamedTuple):
     types: np.ndarray
     """(N,) int64, type of each cell."""
     pull: np.ndarray
-    """(K, K), pull[j, i] is the attraction of type i by type j; the last is `Columns.field`, if
-    there is one, to which no cell belongs."""
+    """(K, K), pull[j, i] is the attraction of type i by type j; the last are those of
+    `Columns.field`, if there is any, to which no cell belongs."""
 
 
 class Pairs(NamedTuple):

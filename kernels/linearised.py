@@ -24,6 +24,7 @@ from morphosim.kernels.boxes import (
     BAD,
     PART,
     TOTAL,
+    keep_survey,
     relay,
     row_total,
     stretch_length,
@@ -325,7 +326,7 @@ def take_step(
     dropped = relay(i, boxes, spans, stretches[R], phi)
     relay(i, boxes, spans, stretches[RHS], ahead)
     settle_rows(i, boxes, spans)
-    surveys[i] = found
+    keep_survey(i, found, surveys)
     surveys[i, TOTAL] -= dropped
     lost[i] += dropped
     totals[i] = stretch_total(i, boxes, ahead)

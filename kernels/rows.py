@@ -485,6 +485,10 @@ def settle_rows(i, boxes, spans):
             place += high - low
 
 
+PREFETCH = "llvm.prefetch"
+"""The name that all versions of LLVM know, whatever they call pointers."""
+
+
 @intrinsic
 def _fetch(typing_context, values, first):
     """See `fetch`."""
@@ -494,8 +498,8 @@ def _fetch(typing_context, values, first):
         at = builder.gep(array.data, [arguments[1]])
         pointer = builder.bitcast(at, ir.IntType(8).as_pointer())
         kind = ir.FunctionType(ir.VoidType(), [pointer.type, WORD, WORD, WORD])
-        function = builder.module.globals.get("llvm.prefetch.p0") or ir.Function(
-            builder.module, kind, "llvm.prefetch.p0"
+        function = builder.module.globals.get(PREFETCH) or ir.Function(
+            builder.module, kind, PREFETCH
         )
         builder.call(function, [pointer, WORD(0), WORD(3), WORD(1)])
 

@@ -17,6 +17,7 @@ from morphosim.kernels.boxes import (
     GUARD,
     TOTAL,
     WANTED,
+    keep_survey,
     relay,
     settle_planes,
     stretch_length,
@@ -94,7 +95,7 @@ def accept_box(i, phi, values, boxes, limits, found, out, surveys):
         return False
     widen_planes(found, GUARD, nx, ny)
     settle_planes(i, boxes, found)
-    surveys[i] = out
+    keep_survey(i, out, surveys)
     copy_row(values, np.uint64(0), phi, np.uint64(boxes.start[i]), nx * ny * nz)
     return True
 
@@ -132,7 +133,7 @@ def accept_band(
     settle_rows(i, boxes, spans)
     lost[i] += dropped
     out[TOTAL] -= dropped
-    surveys[i] = out
+    keep_survey(i, out, surveys)
 
 
 @parallel_kernel()

@@ -67,6 +67,12 @@ _EXPORTS = {
     "RootObserver": "mpi.distributed_simulation",
     "Numerics": "numerics.parameters",
     "Attraction": "physics.attraction",
+    "Centrifuge": "physics.centrifuge",
+    "Chemotaxis": "physics.chemotaxis",
+    "Flow": "physics.flow",
+    "Gravity": "physics.gravity",
+    "Polarity": "physics.polarity",
+    "WallAdhesion": "physics.wall_adhesion",
     "Physics": "physics.parameters",
     "pack": "runs.pack",
     "load_fields": "runs.saved_fields",
@@ -132,7 +138,12 @@ if TYPE_CHECKING:
     from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
+    from morphosim.physics.centrifuge import Centrifuge
+    from morphosim.physics.chemotaxis import Chemotaxis
+    from morphosim.physics.flow import Flow
+    from morphosim.physics.gravity import Gravity
     from morphosim.physics.parameters import Physics
+    from morphosim.physics.polarity import Polarity
     from morphosim.physics.term import (
         Concern,
         Conditions,
@@ -141,6 +152,7 @@ if TYPE_CHECKING:
         Step,
         Term,
     )
+    from morphosim.physics.wall_adhesion import WallAdhesion
     from morphosim.runs.pack import pack
     from morphosim.runs.saved_fields import load_fields
     from morphosim.runs.writer import RunWriter
@@ -181,6 +193,8 @@ __all__ = [
     "CellCount",
     "CellTable",
     "CellVanishedError",
+    "Centrifuge",
+    "Chemotaxis",
     "Column",
     "ColumnarLayer",
     "Concern",
@@ -194,8 +208,10 @@ __all__ = [
     "EllipsoidShell",
     "Environment",
     "Field",
+    "Flow",
     "Forces",
     "FunctionWalls",
+    "Gravity",
     "Growth",
     "LabelImage",
     "Lineage",
@@ -206,6 +222,7 @@ __all__ = [
     "Observer",
     "Physics",
     "PhysicsChange",
+    "Polarity",
     "Polyhedron",
     "ProgressBar",
     "Proliferation",
@@ -226,6 +243,7 @@ __all__ = [
     "Step",
     "Term",
     "VolumeCourse",
+    "WallAdhesion",
     "When",
     "__version__",
     "built_in_scene",

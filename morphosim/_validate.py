@@ -145,6 +145,16 @@ def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     return array(name, value, (3,))
 
 
+def direction(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3,) unit vector along `value`, or raise ValueError."""
+    along = vector(name, value)
+    largest = np.abs(along).max()
+    if largest < SMALLEST:
+        message = f"{name} = {brief(value)} has no direction"
+        raise ValueError(message)
+    return np.asarray(along / largest / np.linalg.norm(along / largest))
+
+
 def array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...] | None, *, infinite: bool = False
 ) -> NDArray[np.float64]:

@@ -437,7 +437,7 @@ def test_stiffness_is_how_pressure_falls_with_volume(kind: str) -> None:
 
     def forces(volumes: np.ndarray) -> Forces:
         result = Forces(np.zeros(2), np.zeros((2, 3)), np.zeros(2))
-        term.update(cells, Step(0, 0.0, 0.0, 1.0, 1.0, 0, volumes), result)
+        term.update(cells, Step(0, 0.0, 0.0, 1.0, 1.0, 0, volumes, 2.62), result)
         return result
 
     volumes, more = np.array([50.0, 60.0]), np.array([0.5, 0.3])

@@ -466,7 +466,7 @@ def test_kernels_get_the_attraction_of_sisters(attraction: Attraction) -> None:
     names, types, parents = FAMILY.values()
     cells = CellTable()
     cells.add({"name": names, "parent": parents}, types)
-    found = Interactions(attraction, 1.6, False, cells, cells, np.float64)
+    found = Interactions(attraction, 1.6, (), cells, cells, np.float64)
     np.testing.assert_allclose(matrix_of(found), attraction.matrix(**FAMILY), atol=1e-15)
     exceptional = attraction.sisters != attraction.default
     assert (found.pairs is not None) == exceptional

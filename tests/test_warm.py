@@ -1,24 +1,33 @@
 """What is compiled ahead is all that a run calls, and nothing is compiled twice."""
 
 import json
-import pkgutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import suppress
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import closing, suppress
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core.dispatcher import Dispatcher
-from numba.core.typing.typeof import Purpose, typeof
+from numba import typeof
 from typer.testing import CliRunner
 
-import morphosim
-from morphosim import Cell, Scene, Simulation, Sphere, Term, built_in_scene
+from morphosim import (
+    Attraction,
+    Cell,
+    EllipsoidShell,
+    Physics,
+    Scene,
+    Simulation,
+    Sphere,
+    Term,
+    built_in_scene,
+)
+from morphosim._isolated import process_beside
 from morphosim.cli import app
 from morphosim.errors import SimulationError
 from morphosim.library.built_in import scene_names
@@ -26,10 +35,12 @@ from morphosim.scene.stand_in import stand_in
 from morphosim.simulation import warming
 from morphosim.simulation.compilation import compilation_told
 from morphosim.simulation.compiler import perform
-from morphosim.simulation.kernel_calls import KernelCall, recorded
+from morphosim.simulation.kernel_calls import recorded
 
 FEW = 3
 """Cells of a built-in scene, and stages, that are looked at."""
+COARSE = 1.5
+"""Spacing of the lattice, µm: as few points as plain Python, in which all this runs, gets done."""
 KINDS: list[tuple[str, dict[str, Any]]] = [
     *((name, {}) for name in scene_names()),
     *(("celegans-8", {"numerics.preset": preset}) for preset in ("fast", "published")),
@@ -40,12 +51,19 @@ KINDS: list[tuple[str, dict[str, Any]]] = [
 
 
 def small(scene: Scene) -> Scene:
-    """A scene with its first cells and stages only."""
+    """A scene with its first cells and stages only, on a coarse lattice."""
+    scene = scene.with_numerics(spacing=COARSE, allow_coarse=True, threads=1)
     if len(scene.cells) <= FEW:
         return replace(scene, stages=scene.stages[:FEW])
     cells = scene.cells[:FEW]
     names, types = [cell.name for cell in cells], {cell.type for cell in cells}
     return replace(scene, cells=cells, physics=scene.physics.among(names, types), stages=())
+
+
+def stop_soon(simulation: Simulation) -> None:
+    """End a run after two steps, which a tolerance may have made short."""
+    if simulation.steps >= 2:
+        simulation.stop("enough")
 
 
 def run(scene: Scene, folder: Path) -> None:
@@ -55,7 +73,7 @@ def run(scene: Scene, folder: Path) -> None:
     with suppress(SimulationError):
         simulation = Simulation(scene)
         writer = RunWriter.of(scene, folder)
-        simulation.run(until=2 * scene.numerics.dt, observers=[writer])
+        simulation.run(until=2 * scene.numerics.dt, observers=[writer, stop_soon])
         for stage in scene.stages:
             for event in stage.events:
                 event.apply(simulation)
@@ -63,35 +81,6 @@ def run(scene: Scene, folder: Path) -> None:
                 simulation.change_physics(**stage.physics)
             simulation.step(2)
             simulation.measured()
-
-
-class Noted:
-    """A kernel that notes what Python calls it with."""
-
-    keys: set[str]
-
-    def __init__(self, kernel: Any) -> None:
-        self._kernel = kernel
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._kernel, name)
-
-    def __call__(self, *arguments: Any) -> Any:
-        types = tuple(typeof(value, Purpose.argument) for value in arguments)
-        Noted.keys.add(KernelCall(self._kernel, types).key)
-        return self._kernel(*arguments)
-
-
-def note_calls() -> None:
-    """Have what is not a kernel itself call kernels by `Noted`."""
-    for module in pkgutil.walk_packages(morphosim.__path__, "morphosim."):
-        if module.name.split(".")[1] in ("engine", "measure", "physics", "runs", "simulation"):
-            import_module(module.name)
-    for name, module in list(sys.modules.items()):
-        if name.startswith("morphosim.") and not name.startswith("morphosim.kernels"):
-            for key, value in list(vars(module).items()):
-                if isinstance(value, Dispatcher):
-                    setattr(module, key, Noted(value))
 
 
 def scenes() -> Iterator[tuple[str, Scene]]:
@@ -102,12 +91,12 @@ def scenes() -> Iterator[tuple[str, Scene]]:
 
 def called(folder: Path) -> dict[str, list[str]]:
     """Of each scene the kernels, with their types, that a run calls."""
-    note_calls()
     found = {}
     for number, (name, scene) in enumerate(scenes()):
-        Noted.keys = set()
-        run(small(scene), folder / str(number))
-        found[name] = list(Noted.keys)
+        with warming.not_ahead(), warnings.catch_warnings(), recorded() as calls:
+            warnings.simplefilter("ignore")
+            run(small(scene), folder / str(number))
+            found[name] = [call.key for call in calls()]
     return found
 
 
@@ -157,16 +146,30 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """How many stand-ins are compiled for, each time."""
+    """How many stand-ins are compiled for, each time, by nobody."""
     counts: list[int] = []
 
-    def compile_none(stand_ins: Any, tell: Any) -> int:
-        counts.append(len(stand_ins))
-        tell(warming.WHAT, 3, 7)
-        return 7
+    class Nobody:
+        total, finished, closed = 7, True, False
 
-    monkeypatch.setattr(warming, "_compile", compile_none)
+        def __init__(self, stand_ins: Sequence[Any]) -> None:
+            counts.append(len(stand_ins))
+
+        def wait(self, tell: Any, soon: bool = False) -> None:
+            tell(warming.WHAT, 3, 7)
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(warming, "_Crew", Nobody)
     return counts
+
+
+def comes(place: Path) -> bool:
+    """Whether a file is there soon, which another thread writes."""
+    end = time.monotonic() + 10
+    while not place.exists() and time.monotonic() < end:
+        time.sleep(0.01)
+    return place.exists()
 
 
 def test_the_first_simulation_compiles_ahead_and_says_so(done: Path, compiled: list[int]) -> None:
@@ -175,8 +178,47 @@ def test_the_first_simulation_compiles_ahead_and_says_so(done: Path, compiled: l
         Simulation(BALL)
         Simulation(BALL)
     assert compiled == [1]
-    assert done.exists()
+    assert comes(done)
     assert "compiling kernels, once per installation: 3 of 7" in texts
+
+
+def test_a_run_begins_when_what_a_step_calls_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is compiled before anything else, and the run does not wait for the rest."""
+    monkeypatch.setattr(warming, "process_beside", lambda program: process_beside(STAND_STILL))
+    told: list[tuple[int, int]] = []
+    with closing(warming._Crew([stand_in(BALL)])) as crew:
+        crew.wait(lambda what, *counts: told.append(counts), soon=True)
+        assert not crew.finished
+    assert crew.closed
+    assert told[-1][0] >= 2
+    assert told[-1][1] == 5
+
+
+def test_walls_and_pairs_need_no_step_of_their_own() -> None:
+    """What they add reaches a step in arrays that it takes in any case."""
+    cells = [
+        Cell(name=n, shape=Sphere(center=(x, 0, 0), radius=3)) for n, x in (("a", 0), ("b", 5))
+    ]
+    plain = Scene(cells=cells, physics=Physics(sigma=0.5))
+    pulled = Physics(sigma=Attraction(default=0.5, pairs={("a", "b"): 0.9}))
+    shell = EllipsoidShell(center=(2.5, 0, 0), semi_axes=(7, 5, 5))
+    types = []
+    for scene in (plain, replace(plain, physics=pulled, confinement=shell)):
+        coupling = Simulation(scene).engine._coupling
+        types.append([typeof(given) for given in (coupling.columns, *coupling.pairs)])
+    assert types[0] == types[1]
+
+
+STAND_STILL = """
+import json, pickle, sys, time
+pickle.load(sys.stdin.buffer)
+soon, later = (["a", 1, True], ["c", 2, True]), (["b", 9, False], ["d", 8, False], ["e", 7, False])
+print(json.dumps([*later, *soon]), flush=True)
+for line in sys.stdin:
+    time.sleep(60 if json.loads(line) in "bde" else 0)
+    print(flush=True)
+"""
+"""Program of a process that never compiles what is not needed soon."""
 
 
 def test_processes_compile_all_that_a_scene_calls() -> None:
@@ -253,7 +295,7 @@ def test_a_process_that_dies_is_told_by_warm_and_left_to_the_run(
     with pytest.raises(OSError, match="a process that compiles kernels has died"):
         warming.warm([BALL], lambda *told: None)
     Simulation(BALL)
-    assert done.exists()  # so that the next one does not try again
+    assert comes(done)  # so that the next one does not try again
 
 
 if __name__ == "__main__":

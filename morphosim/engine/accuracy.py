@@ -259,10 +259,8 @@ class Accuracy:
 
     def _measure(self, state: StepState, cells: CellTable, time: float) -> None:
         coupling, terms = state.coupling, state.terms
-        repels, attracts = coupling.uses
-        columns = coupling.columns
-        walled = self._hard and columns is not None and columns.background is not None
-        walls = repels if walled else None
+        _, attracts = coupling.uses
+        walls = coupling.walls if self._hard else None
         if self._strength:
             self._wall_errors[:] = OUT / self._strength * np.abs(terms.pressure - self._matched)
         measure_defects(

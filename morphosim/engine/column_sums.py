@@ -50,6 +50,8 @@ class Background:
     dtype : of the fields
     everywhere : bool
         Whether it acts also where it is about 0, as a potential does, whose gradient counts.
+    negative : bool
+        Whether it may be.
 
     Attributes
     ----------
@@ -58,9 +60,11 @@ class Background:
     """
 
     def __init__(
-        self, given: Sequence[SpaceTerm], spacing: float, dtype: DTypeLike, everywhere: bool = False
-    ) -> None:
-        self._given, self._spacing, self._everywhere = given, spacing, everywhere
+        self, given: Sequence[SpaceTerm], spacing: float, dtype: DTypeLike,
+        everywhere: bool = False, negative: bool = False,
+    ) -> None:  # fmt: skip
+        self._given, self._spacing = given, spacing
+        self._everywhere, self._negative = everywhere, negative
         known = [each.most for each in given if each.most is not None]
         self.most = float(sum(known)) if len(known) == len(given) else None
         self._keys = np.array([_LAST])  # sorted
@@ -102,7 +106,8 @@ class Background:
             self._checked(each, np.broadcast_to(each.function(*axes), full)) for each in self._given
         ]
         values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
-        acts = self._everywhere | (values.reshape(len(keys), -1).max(axis=1) > _ABSENT)
+        largest = np.abs(values.reshape(len(keys), -1)).max(axis=1)
+        acts = self._everywhere | (largest > _ABSENT)
         slots = np.where(acts, len(self._tiles) + np.cumsum(acts) - 1, -1)
         tiles = values[acts].reshape(-1, *self._tiles.shape[1:]).astype(self._tiles.dtype)
         self._tiles = np.concatenate([self._tiles, tiles])
@@ -115,7 +120,7 @@ class Background:
         if not np.isfinite(values).all():
             message = f"{each.name}: its function of space is not finite everywhere"
             raise ValueError(message)
-        if not self._everywhere and values.min() < 0:
+        if not self._negative and values.min() < 0:
             message = f"{each.name}: its wall is {values.min():g} somewhere; it must be ≥ 0"
             raise ValueError(message)
         return values
@@ -138,6 +143,9 @@ class ColumnCover:
     Attributes
     ----------
     columns : Columns
+    sums : Columns
+        Of them what cells feel: what is summed, not what walls and space add to it. So a step is
+        compiled once, with walls or without.
     lists : ColumnLists
     shares : Shares
         Of the columns.
@@ -146,6 +154,7 @@ class ColumnCover:
     """
 
     columns: Columns
+    sums: Columns
     lists: ColumnLists
     shares: Shares
     wall: float
@@ -153,20 +162,20 @@ class ColumnCover:
     def __init__(self, dtype: DTypeLike, threads: int) -> None:
         self._dtype, self._threads = np.dtype(dtype), threads
         self._pools: dict[str, NDArray[np.floating]] = {}
-        self.configure(0, None, None)
+        self.configure(0, None, ())
 
     def configure(
-        self, n_types: int, background: Background | None, field: Background | None
+        self, n_types: int, background: Background | None, fields: Sequence[Background]
     ) -> None:
         """Say what is summed; it holds from the next `update` on, which makes all columns anew.
 
         Parameters
         ----------
-        n_types : cell types with accumulated potentials, and one more for the field
+        n_types : cell types with accumulated potentials, and one more for each field
         background : R of walls, or None
-        field : ψ of space, or None
+        fields : ψ of space
         """
-        self._n_types, self._background, self._field = n_types, background, field
+        self._n_types, self._background, self._fields = n_types, background, tuple(fields)
         self._first = self._end = np.zeros((0, 3), np.int64)
         self._low = np.zeros(0, np.int64)
 
@@ -200,7 +209,7 @@ class ColumnCover:
         group[order] = np.cumsum(opens) - 1
 
         needed = np.bincount(group) > 1
-        for space in (self._background, self._field):
+        for space in (self._background, *self._fields):
             if space is not None:
                 needed |= space.acts(begin, final)
         length = (final - begin) * TILE_SHAPE[2]
@@ -223,8 +232,8 @@ class ColumnCover:
             cover_start=cover_start,
             cover=cover,
             felt=felt,
-            background=self._filled("background", self._background, begin[needed], length[needed]),
-            field=self._filled("field", self._field, begin[needed], length[needed]),
+            background=self._of_walls(begin[needed], length[needed]),
+            field=self._of_space(begin[needed], length[needed]),
             repulsion=self._pool("repulsion", int(points.sum())),
             potential=(
                 self._pool("potential", int(points.sum()) * self._n_types)
@@ -232,6 +241,7 @@ class ColumnCover:
                 else None
             ),
         )
+        self.sums = self.columns._replace(background=None, field=None)
         self._points = int(points.sum())
         self.wall = self._largest_wall()
 
@@ -259,14 +269,22 @@ class ColumnCover:
             self._pools[name] = pool
         return pool
 
-    def _filled(
-        self, name: str, space: Background | None, begin: Integers, length: Integers
-    ) -> NDArray[np.floating] | None:
-        """A function of space on the columns that begin with these tiles, in the pool `name`."""
-        if space is None:
+    def _of_walls(self, begin: Integers, length: Integers) -> NDArray[np.floating] | None:
+        """R of walls on the columns that begin with these tiles."""
+        if self._background is None:
             return None
-        values = self._pool(name, ROWS * int(length.sum()))
-        space.fill(begin, length, values)
+        values = self._pool("background", ROWS * int(length.sum()))
+        self._background.fill(begin, length, values)
+        return values
+
+    def _of_space(self, begin: Integers, length: Integers) -> NDArray[np.floating] | None:
+        """(F, points) ψ of space, likewise."""
+        if not self._fields:
+            return None
+        shape = len(self._fields), ROWS * int(length.sum())
+        values = self._pool("field", shape[0] * shape[1])[: shape[0] * shape[1]].reshape(shape)
+        for field, row in zip(self._fields, values, strict=True):
+            field.fill(begin, length, row)
         return values
 
     def _make_lists(

@@ -36,8 +36,8 @@ class Coupling:
     def __init__(self, dtype: np.dtype, threads: int) -> None:
         self._dtype = dtype
         self._cover = ColumnCover(dtype, threads)
-        self._walls = _Space((), None, dtype, everywhere=False)
-        self._field = _Space((), None, dtype, everywhere=True)
+        self._walls = _Space((), None, dtype)
+        self._fields: list[_Space] = []
         self._pair_potential: NDArray[np.floating] | None = None
         self.acts = False
 
@@ -52,16 +52,22 @@ class Coupling:
         everyone : CellTable
             All cells of the simulation.
         """
-        walls, potentials = environment.walls, environment.potentials
+        walls, potentials = environment.walls, _alike(environment.potentials, everyone)
         self._interactions = Interactions(
-            environment.attraction, environment.g, bool(potentials), cells, everyone, self._dtype
+            environment.attraction, environment.g, list(potentials), cells, everyone, self._dtype
         )
         felt = environment.g > 0 or self._interactions.attracts
         self.acts = bool(walls or potentials) or (len(everyone) > 1 and felt)
         spacing = environment.numerics.spacing
         self._walls = self._walls.renewed(walls, spacing)
-        self._field = self._field.renewed(potentials, spacing)
-        self._cover.configure(self._interactions.n_fields, self._walls.tiles, self._field.tiles)
+        fields = [*self._fields, *(_Space((), None, self._dtype) for _ in potentials)]
+        self._fields = [
+            field.renewed(given, spacing, everywhere=not all(each.local for each in given))
+            for field, given in zip(fields, potentials.values(), strict=False)
+        ]
+        tiles = [field.tiles for field in self._fields if field.tiles is not None]
+        self._cover.configure(self._interactions.n_fields, self._walls.tiles, tiles)
+        self._no_pairs = np.full(len(cells), -1), np.zeros(0, self._dtype)
 
     def lay_out(self, pool: BoxPool) -> None:
         """Make room for the sums where the boxes are."""
@@ -97,8 +103,13 @@ class Coupling:
 
     @property
     def columns(self) -> Columns | None:
-        """The sums; None where nothing acts."""
-        return self._cover.columns if self.acts else None
+        """The sums, without what walls and space add to them; None where nothing acts."""
+        return self._cover.sums if self.acts else None
+
+    @property
+    def walls(self) -> NDArray[np.floating] | None:
+        """R of walls by column; None without walls."""
+        return self._cover.columns.background if self.acts else None
 
     @property
     def lists(self) -> ColumnLists:
@@ -107,9 +118,9 @@ class Coupling:
 
     @property
     def pairs(self) -> tuple[Any, Any]:
-        """Where the frames of pulled cells start, and the pool of their potentials, or None."""
+        """Where the frames of pulled cells start, and the pool of their potentials."""
         pairs = self._interactions.pairs
-        return (None, None) if pairs is None else (pairs.frame_start, self._pair_potential)
+        return self._no_pairs if pairs is None else (pairs.frame_start, self._pair_potential)
 
     @property
     def strongest(self) -> float:
@@ -141,15 +152,36 @@ class _Space:
     keys: tuple[Any, ...]
     tiles: Background | None
     dtype: np.dtype
-    everywhere: bool
 
-    def renewed(self, given: Sequence[SpaceTerm], spacing: float) -> "_Space":
-        """The functions given; the tiles that there are, if they depend on what they did."""
+    def renewed(
+        self, given: Sequence[SpaceTerm], spacing: float, everywhere: bool | None = None
+    ) -> "_Space":
+        """The functions given; the tiles that there are, if they depend on what they did.
+
+        Potentials may be negative, and some act `everywhere`; walls, where it is None, do neither.
+        """
         keys = tuple(each.key for each in given)
         if _equal(keys, self.keys):
             return self
-        tiles = Background(given, spacing, self.dtype, self.everywhere) if given else None
+        tiles = None
+        if given:
+            negative = everywhere is not None
+            tiles = Background(given, spacing, self.dtype, bool(everywhere), negative)
         return replace(self, keys=keys, tiles=tiles)
+
+
+def _alike(
+    potentials: Sequence[SpaceTerm], everyone: CellTable
+) -> dict[tuple[float, ...], list[SpaceTerm]]:
+    """Potentials that act, by their strengths for the cell types that there are."""
+    kinds = [everyone.kinds[kind] for kind in everyone.present_kinds]
+    found: dict[tuple[float, ...], list[SpaceTerm]] = {}
+    for each in potentials:
+        known = each.strength
+        strengths = tuple(1.0 if known is None else known.of(kind) for kind in kinds)
+        if any(strengths):
+            found.setdefault(strengths, []).append(each)
+    return found
 
 
 def _equal(one: Any, other: Any) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from morphosim.kernels.boxes import BAD, CORE, EDGE
 from morphosim.kernels.layout import CellTerms, Limits, Scheme
 from morphosim.kernels.points import records
 from morphosim.measure.measurement import Measurement, measure
+from morphosim.measure.surroundings import Surroundings
 from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.numerics.threads import check_threads
@@ -377,13 +379,13 @@ class Engine(CellView):
         """Set up all that depends on which cells there are, and on parameters."""
         physics, numerics, cells = self.physics, self.numerics, self.cells
         all_tensions = physics.surface_tension.tensions(self.everyone)
-        environment = Environment(numerics, self.confinement, float(all_tensions.mean()))
+        scale = physics.interface_scale
+        environment = Environment(numerics, self.confinement, float(all_tensions.mean()), scale)
         self._terms = physics.active_terms
         for term in self._terms:
             term.prepare(cells, numerics)
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
-        scale = physics.interface_scale
         self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype, scale)
         tensions = physics.surface_tension.tensions(cells)
         self.solver.set_up(physics, tensions, np.unique(all_tensions), self.explicit_rate)
@@ -414,6 +416,14 @@ class Engine(CellView):
             weights=np.zeros((n, 0), self.dtype),
         )
 
+    def _surroundings(self) -> Surroundings:
+        """What cells can feel of where they are."""
+        pool, walls = self.pool, self.confinement
+        return Surroundings(
+            pool.acting, pool.origin, pool.shape, pool.start, self.numerics.spacing,
+            None if walls is None else walls.depth,
+        )  # fmt: skip
+
     def _scheme(self, fresh: bool) -> Scheme:
         numbers = coefficients(self.numerics, self.physics.tau, self.S, fresh)
         return Scheme(**{name: self.dtype.type(value) for name, value in numbers.items()})
@@ -436,8 +446,10 @@ class Engine(CellView):
         length = ticks * numerics.tick
         step = Step(
             self.ticks, self.time, self._forces_at(ticks), length, numerics.dt, numerics.seed,
-            volumes,
+            volumes, self.physics.tau,
         )  # fmt: skip
+        if any(term.senses(step) for term in self._terms):
+            step = replace(step, surroundings=self._surroundings())
         forces.pressure[:] = forces.stiffness[:] = 0
         if values.drift is not None:
             forces.drift[:] = 0

@@ -1,6 +1,6 @@
 """What kernels need to know of repulsion and attraction: g, σ by type, and pairs that differ."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from morphosim.physics.term import Pull
 class Interactions:
     """Types, σ by type and exceptional pairs of the cells of a table.
 
-    Where σ by type is one value, all cells count as one type: one accumulated field serves all.
+    Where σ by type is one value, and potentials of space are as strong for all, all cells count as
+    one type: one accumulated field serves all.
     Sisters and stated pairs are exceptional if their σ is not that of their types.
 
     Parameters
@@ -22,8 +23,8 @@ class Interactions:
     attraction : Pull or None
     g : float
         Repulsion between cells (Eq. 3).
-    field : bool
-        Whether space has a potential of its own, which counts as a type that pulls on all others.
+    fields : sequence of (types,)
+        Strength of each potential of space by type; each counts as a type that pulls on others.
     cells : CellTable
     everyone : CellTable
         All cells of the simulation, whose types count; on one rank the same.
@@ -38,8 +39,8 @@ class Interactions:
     """
 
     def __init__(
-        self, attraction: Pull | None, g: float, field: bool, cells: CellTable,
-        everyone: CellTable, dtype: DTypeLike,
+        self, attraction: Pull | None, g: float, fields: Sequence[Sequence[float]],
+        cells: CellTable, everyone: CellTable, dtype: DTypeLike,
     ) -> None:  # fmt: skip
         real: np.dtype[Any] = np.dtype(dtype)
         kinds = everyone.present_kinds
@@ -47,12 +48,14 @@ class Interactions:
         place[kinds] = np.arange(len(kinds))
         index = place[cells["kind"]]
         names = [everyone.kinds[kind] for kind in kinds]
-        pull = np.zeros((1, 1)) if attraction is None else attraction.type_matrix(names)
-        if (pull == pull[0, 0]).all():
-            pull, index = pull[:1, :1], np.zeros(len(cells), np.int64)
-        if field:
-            pull = np.pad(pull, (0, 1))
-            pull[-1, :-1] = 1
+        nothing = np.zeros((len(names), len(names)))
+        pull = nothing if attraction is None else attraction.type_matrix(names)
+        strengths = np.array(fields, float).reshape(len(fields), len(names))
+        if (pull == pull[0, 0]).all() and (strengths == strengths[:, :1]).all():
+            pull, strengths = pull[:1, :1], strengths[:, :1]
+            index = np.zeros(len(cells), np.int64)
+        pull = np.pad(pull, (0, len(fields)))
+        pull[len(pull) - len(fields) :, : strengths.shape[1]] = strengths
         self.interaction = Interaction(g=real.type(g), types=index, pull=pull.astype(real))
         self.n_fields = len(pull) if pull.any() else 0
         self.pairs = _pairs(_exceptions(attraction, cells), pull, index, real)

@@ -122,6 +122,24 @@ def pair_areas(
     touched : (N,) float64
         Area of that part of each cell's surface φ = 0.34 where any neighbour has φ >= 0.2, µm².
     """
+    pairs, sides, touched = side_areas(prepared)
+    areas = sides.reshape(2, -1).mean(axis=0) * spacing**2
+    return pairs[areas > 0], areas[areas > 0], touched * spacing**2
+
+
+def side_areas(
+    prepared: Prepared,
+) -> tuple[Integers, NDArray[np.float64], NDArray[np.float64]]:
+    """What part of each cell's own surface its neighbours cover, in squared lattice steps.
+
+    Returns
+    -------
+    pairs : (P, 2) int64
+        That may be in contact, i < j and sorted.
+    sides : (2 P,) float64
+        What j covers of i, of all pairs, and then what i covers of j.
+    touched : (N,) float64, see `pair_areas`
+    """
     fields = prepared.fields
     low, high = fields.origin + fields.extent[:, :, 0], fields.origin + fields.extent[:, :, 1]
     pairs = overlapping(low - 1, high + 1)  # from the cubes of one in reach of the other
@@ -138,8 +156,7 @@ def pair_areas(
     )  # fmt: skip
     sides = np.zeros(len(order))
     sides[order] = found
-    areas = sides.reshape(2, -1).mean(axis=0) * spacing**2
-    return pairs[areas > 0], areas[areas > 0], touched * spacing**2
+    return pairs, sides, touched
 
 
 def overlapping(low: Integers, high: Integers) -> Integers:

@@ -168,8 +168,8 @@ def measured(
     extra : mapping, optional
         Further CF attributes.
     column : str, optional
-        State of a rule that it is measured of (see `Event`): runs of scenes without such a rule do
-        not have it.
+        State of a rule (see `Event`) or of a force term that it is measured of: runs of scenes
+        without such a rule or term do not have it.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from morphosim.cell_table import CellTable, Column
 from morphosim.engine.engine import Engine, Fields
 from morphosim.engine.solvers.solver import StepState
 from morphosim.geometry.confinement import Confinement
+from morphosim.measure.surroundings import Surroundings
 from morphosim.mpi import state_transfer
 from morphosim.mpi.communicator import agreed
 from morphosim.numerics.parameters import Numerics
@@ -92,6 +93,18 @@ class LocalEngine(Engine):
     def _share_fields(self) -> None:
         """Send the fields in which forces are taken to the ranks where they are felt."""
         self._share()
+
+    def _surroundings(self) -> Surroundings:
+        """What cells can feel; ghost cells' centroids and columns of terms from their ranks."""
+        found, own = super()._surroundings(), self.owned
+        columns = [c.name for c in self.physics.columns if c.saved]
+        part = self.cells.select(own, columns) | {"centroid": found.centroid[own]}
+        parts = self._comm.allgather(part | {"rows": self.rows[own]})
+        known, ghosts = state_transfer.merge(parts), ~self.own
+        found.centroid[ghosts] = known["centroid"][self.rows[ghosts]]
+        for name in columns:
+            self.cells[name][ghosts] = known[name][self.rows[ghosts]]
+        return found
 
     def _most_of_all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Largest values on any rank, one by one."""

@@ -6,11 +6,11 @@ from typing import Self
 
 import numpy as np
 
-from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.noise import normal_vectors
 from morphosim.numerics.parameters import Numerics
+from morphosim.physics.by_type import ByType
 from morphosim.physics.term import Concern, Conditions, Forces, Step, Term
 
 FARTHEST_JUMP = 0.6
@@ -42,35 +42,29 @@ class Motility(Term):
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        _validate.number("physics.kappa", self.kappa, least=0)
-        _validate.instance("physics.kappa_by_type", self.kappa_by_type, Mapping)
-        for kind, kappa in self.kappa_by_type.items():
-            _validate.label("physics.kappa_by_type: type", kind, empty=True)
-            _validate.number(f"physics.kappa_by_type[{kind!r}]", kappa, least=0)
+        self.strength.validate(least=0)
+
+    @property
+    def strength(self) -> ByType:
+        """κ, by type."""
+        return ByType("physics.kappa", self.kappa, self.kappa_by_type)
 
     @property
     def present(self) -> bool:
         """Whether any cell moves."""
-        return self.kappa > 0 or any(self.kappa_by_type.values())
-
-    def of(self, kind: str) -> float:
-        """κ of cells of a type."""
-        return self.kappa_by_type.get(kind, self.kappa)
+        return self.strength.acts
 
     def check(self, names: Collection[str], types: Collection[str]) -> None:
         """Raise ValueError if `kappa_by_type` names a type that is not one of these."""
-        for kind in self.kappa_by_type:
-            _validate.choice("type in physics.kappa_by_type", kind, types)
+        self.strength.check(types)
 
     def among(self, names: Collection[str], types: Collection[str]) -> Self:
         """Copy that says nothing of other types than these."""
-        kept = {kind: kappa for kind, kappa in self.kappa_by_type.items() if kind in types}
-        return replace(self, kappa_by_type=kept)
+        return replace(self, kappa_by_type=self.strength.among(types))
 
     def prepare(self, cells: CellTable, numerics: Numerics) -> None:
         """Set κ of each cell."""
-        by_kind = np.array([self.of(kind) for kind in cells.kinds])
-        cells["kappa"][:] = by_kind[cells["kind"]]
+        cells["kappa"][:] = self.strength.of_each(cells)
 
     def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
         """Draw u, and add the drift."""
@@ -90,14 +84,14 @@ class Motility(Term):
 
     def jump(self, conditions: Conditions) -> float:
         """Root mean square move per step, in interface widths, of the most motile type."""
-        kappa = max(map(self.of, conditions.types))
+        kappa = self.strength.largest(conditions.types)
         return float(
             kappa * conditions.numerics.dt**1.5 / conditions.tau * conditions.interface_scale
         )
 
     def concern(self, conditions: Conditions) -> Concern | None:
         """Noise that moves cells too far in a step."""
-        dt, kappa = conditions.numerics.dt, max(map(self.of, conditions.types))
+        dt, kappa = conditions.numerics.dt, self.strength.largest(conditions.types)
         jump = self.jump(conditions)
         if jump <= FARTHEST_JUMP:
             return None

@@ -20,7 +20,9 @@ from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable, Column
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.points import PointForce
+from morphosim.measure.surroundings import Surroundings
 from morphosim.numerics.parameters import Numerics
+from morphosim.physics.by_type import ByType
 
 Floats = NDArray[np.float64]
 SpaceFunction = Callable[[Floats, Floats, Floats], Floats]
@@ -52,6 +54,11 @@ class Step:
         `kernels.noise` does: then they depend neither on threads nor on other cells.
     volumes : (N,) float64
         ∫ φ of each cell, µm³.
+    tau : float
+        Viscosity τ: a drift d moves a cell with the velocity -d/τ.
+    surroundings : Surroundings or None
+        Where cells are and what they touch, if a term `senses` it in this step. Then ghost cells
+        have the columns of terms, too.
     """
 
     number: int
@@ -61,6 +68,8 @@ class Step:
     usual_dt: float
     seed: int
     volumes: Floats
+    tau: float
+    surroundings: Surroundings | None = None
 
     __repr__ = short_repr
 
@@ -117,6 +126,10 @@ class SpaceTerm(NamedTuple):
     """What it depends on."""
     most: float | None = None
     """Its largest value, if that is known."""
+    strength: ByType | None = None
+    """By what it is multiplied for cells of each type, if that is not 1."""
+    local: bool = False
+    """Whether it is about 0 in most of space, where it then costs nothing."""
 
 
 @dataclass(slots=True)
@@ -129,6 +142,8 @@ class Environment:
         See `Scene`.
     tension : float
         Mean surface tension of all cells.
+    interface_scale : float
+        See `Physics`.
     g : float
         Strength of Σ_j g φ_j² in R.
     attraction : Pull or None
@@ -140,6 +155,7 @@ class Environment:
     numerics: Numerics
     confinement: Confinement | None
     tension: float
+    interface_scale: float
     g: float = 0.0
     attraction: Pull | None = None
     walls: list[SpaceTerm] = field(default_factory=list)
@@ -158,9 +174,17 @@ class Environment:
         """
         self.walls.append(SpaceTerm(term.name, function, (term, *depends), most))
 
-    def add_potential(self, term: "Term", function: SpaceFunction, *depends: Any) -> None:
-        """Add ψ(x, y, z), likewise. Where it is linear, a cell drifts with the velocity ∇ψ/τ."""
-        self.potentials.append(SpaceTerm(term.name, function, (term, *depends)))
+    def add_potential(
+        self, term: "Term", function: SpaceFunction, *depends: Any,
+        strength: ByType | None = None, local: bool = False,
+    ) -> None:  # fmt: skip
+        """Add ψ(x, y, z), likewise, times a `strength` by cell type if one is given.
+
+        Where it is linear, a cell drifts with the velocity ∇ψ/τ. One that is `local` counts as 0
+        where it is below 10⁻⁶ on all of a tile, as walls do.
+        """
+        key = (term, *depends)
+        self.potentials.append(SpaceTerm(term.name, function, key, strength=strength, local=local))
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,6 +302,10 @@ class Term:
 
     def surround(self, environment: Environment) -> None:
         """Add to what cells feel of each other and of space; called as `prepare` is."""
+
+    def senses(self, step: Step) -> bool:
+        """Whether `update` asks for `Step.surroundings` in a step; the same on all ranks."""
+        return False
 
     def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
         """Add to pressure and drift, and advance its own columns by a step."""

@@ -1,6 +1,6 @@
 """A simulation at the time of a save, and what is measured of it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from operator import attrgetter
 from typing import Any
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
+from morphosim.cell_table import Column
 from morphosim.errors import warn
 from morphosim.measure.aggregates import Aggregates
 from morphosim.measure.measurement import Measurement
@@ -226,6 +227,16 @@ class MeasuredState:
         """(N,) pressures p = 1 - v/V of Eq. 10, over M'."""
         return np.asarray(1 - self.volume / self.target_volume)
 
+    @measured(
+        dims=(*PER_CELL, "axis"), units="1", text="direction in which the cell moves by itself",
+        column="polarity",
+    )  # fmt: skip
+    def polarity(self) -> Real:
+        """(N, 3) unit vectors p; NaN in stages without polarity."""
+        if "polarity" not in {column.name for column in self.simulation.physics.columns}:
+            return np.full((len(self.names), 3), np.nan)
+        return self.simulation.column("polarity").copy()
+
     @measured(dims=PER_TIME, text="stage of the protocol", kind=str)
     def stage(self) -> str:
         """Name of the present stage."""
@@ -288,8 +299,15 @@ def variables(scene: Scene | None = None) -> dict[str, Variable]:
         MEASURED.values(),
         key=lambda each: (each.variable.kind is str, rank.get(each.owner, len(rank))),
     )
-    state = None if scene is None else {"", *(column.name for column in scene.columns)}
+    state = None if scene is None else {"", *map(attrgetter("name"), _state_of(scene))}
     return {each.name: each.variable for each in ordered if state is None or each.column in state}
+
+
+def _state_of(scene: Scene) -> Iterator[Column]:
+    """Columns that rules and force terms keep, at some time."""
+    yield from scene.columns
+    for term in scene.terms:
+        yield from term.columns
 
 
 def built_in_variables() -> dict[str, Variable]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from morphosim.geometry.confinement import Confinement
 from morphosim.geometry.shapes import Field, PowerCell
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
+from morphosim.physics.term import Term
 from morphosim.scene.cell import Cell, tensions
 from morphosim.scene.ends import CellCount, Duration
 from morphosim.scene.rehearsal import Rehearsal, rehearse
@@ -176,6 +178,12 @@ class Scene:
     def columns(self) -> list[Column]:
         """State per cell that events and rules of its stages keep."""
         return list(dict.fromkeys(c for stage in self.stages for c in stage.columns))
+
+    @property
+    def terms(self) -> list[Term]:
+        """Force terms that it states, at the start or in a stage, besides those of `Physics`."""
+        staged = (stage.physics.get("terms", ()) for stage in self.stages)
+        return [*self.physics.terms, *chain.from_iterable(staged)]
 
     @property
     def may_be_several(self) -> bool:

@@ -145,7 +145,8 @@ def refuse(scene: Scene, S: float | None = None) -> None:
 def concerns(scene: Scene, S: float | None = None) -> list[str]:
     """What is likely to go wrong, in words; `S` is what has been chosen, if that is known."""
     found = (
-        _euler_step(scene), _late(scene, S), _stabilisation(scene), *_concerns_of_terms(scene),
+        _euler_step(scene), _late(scene, S), _stabilisation(scene),
+        *_concerns_of_terms(with_S(scene, S) if may_be_late(scene) else scene),
     )  # fmt: skip
     return [text for text in found if text]
 

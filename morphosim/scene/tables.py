@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from morphosim import _validate
 from morphosim.numerics.parameters import Numerics, preset_values
@@ -97,14 +97,17 @@ def physics_table(physics: Physics) -> dict[str, Any]:
 def relocated(table: Mapping[str, Any], courses: Iterable[Physics]) -> dict[str, Any]:
     """Physics of a saved state, whose terms are found where a scene's physics have them now."""
     terms = [row for physics in courses for row in physics_table(physics).get("terms", ())]
-    places = {_class_of(row): row["use"] for row in terms if isinstance(row, Mapping)}
+    places = {_class_of(row): row["use"] for row in terms if _names_class(row)}
     moved = [
-        dict(row) | {"use": places.get(_class_of(row), row["use"])}
-        if isinstance(row, Mapping)
-        else row
+        dict(row) | {"use": places.get(_class_of(row), row["use"])} if _names_class(row) else row
         for row in table.get("terms", ())
     ]
     return dict(table) | ({"terms": moved} if moved else {})
+
+
+def _names_class(row: Any) -> TypeGuard[Mapping[str, Any]]:
+    """Whether a term is said by where its class is: not by its kind, and not as it stands."""
+    return isinstance(row, Mapping) and "use" in row
 
 
 def _class_of(row: Mapping[str, Any]) -> str:

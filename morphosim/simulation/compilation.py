@@ -24,14 +24,20 @@ def compilation_told(
     Parameters
     ----------
     tell : callable
-        Called with a text, once, when this process compiles one.
+        Called with a text, once, when this process compiles one, unless progress has been told.
     progress : function that gives a context of what is told progress, optional
         For kernels that several processes compile ahead (`warming`). By default `tell` is called
         with a text after each.
     """
-    before = _PROGRESS.set(progress or (lambda: _in_texts(tell)))
+    listener = _Listener(tell)
+
+    def begin() -> AbstractContextManager[TellWhat]:
+        listener.told = True
+        return (progress or (lambda: _in_texts(tell)))()
+
+    before = _PROGRESS.set(begin)
     try:
-        with event.install_listener("numba:compile", _Listener(tell)):
+        with event.install_listener("numba:compile", listener):
             yield
     finally:
         _PROGRESS.reset(before)
@@ -51,13 +57,13 @@ class _Listener(event.Listener):  # type: ignore[misc]
     """Hears what Numba compiles; of what it loads from a cache there is no such event."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
-        self._tell, self._told = tell, False
+        self._tell, self.told = tell, False
 
     def on_start(self, event: event.Event) -> None:
         """Tell, at the first of our kernels."""
         module = event.data["dispatcher"].py_func.__module__
-        if not self._told and str(module).startswith(KERNELS):
-            self._told = True
+        if not self.told and str(module).startswith(KERNELS):
+            self.told = True
             self._tell(compilation_text())
 
     def on_end(self, event: event.Event) -> None:

@@ -9,6 +9,7 @@ import pickle
 import signal
 import sys
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from typing import BinaryIO
 
@@ -26,30 +27,33 @@ def serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all processes
     asked, answers = sys.stdin.buffer, sys.stdout
     sys.stdout = sys.stderr  # what libraries print must not come between the answers
-    calls = {call.key: call for call in calls_of(asked)}
-    found = [(key, call.cost) for key, call in calls.items()]
+    calls, soon = calls_of(asked)
+    found = [(key, call.cost, key in soon) for key, call in calls.items()]
     print(json.dumps(found), file=answers, flush=True)
     for line in asked:
         calls[json.loads(line)].compile()
         print(line.decode().rstrip(), file=answers, flush=True)
 
 
-def calls_of(file: BinaryIO) -> list[KernelCall]:
-    """Kernels that stand-ins, which a file has, call."""
+def calls_of(file: BinaryIO) -> tuple[dict[str, KernelCall], set[str]]:
+    """Kernels that stand-ins, which a file has, call, by their keys; keys of what a step calls."""
+    soon: set[str] = set()
     with recorded() as calls:
         for stand_in in pickle.load(file):
-            perform(stand_in)
-        return calls()
+            perform(stand_in, lambda: soon.update(call.key for call in calls()))
+        return {call.key: call for call in calls()}, soon
 
 
-def perform(stand_in: StandIn) -> None:
+def perform(stand_in: StandIn, after_a_step: Callable[[], None] = lambda: None) -> None:
     """Have cells do all that cells of a scene may: step, move, be measured, divide."""
     from morphosim.simulation.simulation import Simulation
 
     with not_ahead(), warnings.catch_warnings(), suppress(SimulationError):
         warnings.simplefilter("ignore")  # nobody is to act on what so small cells come to
         simulation = Simulation(stand_in.scene)
-        simulation.step(STEPS)
+        simulation.step(1)
+        after_a_step()
+        simulation.step(STEPS - 1)
         simulation.step_to(simulation.ticks + 1)  # another length than was planned
         simulation.measured()
         if stand_in.ruled:

@@ -18,10 +18,14 @@ PULL = np.array([[0.4, 0.0, 0.1], [0.7, 0.3, 0.2], [0.5, 0.6, 0.9]])
 """pull[j, i]; one of them zero."""
 
 
-def interaction(field: bool = False) -> Interaction:
-    """Of three types, and of space, which pulls on all cells alike."""
-    pull = np.pad(PULL, (0, 1)) if field else PULL
-    pull[3:, :3] = 1
+SPACE = np.array([[1.0, 1.0, 1.0], [0.5, 0.0, -0.8]])
+"""Pulls of two functions of space on the three types."""
+
+
+def interaction(fields: int = 0) -> Interaction:
+    """Of three types, and of space."""
+    pull = np.pad(PULL, (0, fields)) if fields else PULL
+    pull[3:, :3] = SPACE[:fields]
     return Interaction(g=G, types=TYPES, pull=pull)
 
 
@@ -100,8 +104,8 @@ class Cover:
             cells=np.array([i for cells in over for i in cells], np.int64),
         )
 
-    def columns(self, background: bool, n_types: int, field: bool = False) -> Columns:
-        """Sums not yet made; background and field are random."""
+    def columns(self, background: bool, n_types: int, fields: int = 0) -> Columns:
+        """Sums not yet made; background and fields are random."""
         cover = [
             (
                 self.start[a],
@@ -118,10 +122,14 @@ class Cover:
             cover=np.array(cover),
             felt=np.array([any(self.start[a] >= 0 for a in found) for found in self.under]),
             background=np.where(self.between(), np.nan, values) if background else None,
-            field=np.where(self.between(), np.nan, values**2) if field else None,
+            field=self.fields(values, fields) if fields else None,
             repulsion=np.full(self.size, np.nan),
             potential=np.full(self.size * n_types, np.nan) if n_types else None,
         )
+
+    def fields(self, values: NDArray, count: int) -> NDArray:
+        """(count, points) functions of space."""
+        return np.where(self.between(), np.nan, [values ** (2 + k) for k in range(count)])
 
     def between(self) -> NDArray[np.bool_]:
         """Which indices of the pools belong to no column."""

@@ -4,12 +4,16 @@ import os
 import stat
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numba
 import pytest
+from filelock import FileLock
+from numba.core.caching import FunctionCache
 
 from morphosim.kernels import _jit
+from morphosim.kernels._shared_cache import SharedCache
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no owners and modes of files")
 
@@ -130,3 +134,55 @@ def test_where_files_have_no_owners_any_folder_will_do(
     (tmp_path / "cache").chmod(0o777)
     monkeypatch.delattr(os, "geteuid")  # as on Windows
     assert _jit._private(tmp_path / "cache") == str((tmp_path / "cache").resolve())
+
+
+TWICE = """
+import time
+from numba.core import event
+from morphosim.kernels._jit import kernel
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        time.sleep(1)  # so that the other one comes to it
+        print("compiled", flush=True)
+    def on_end(self, event): ...
+
+@kernel()
+def double(x):
+    return 2 * x
+
+event.register("numba:compile", Listener())
+assert double(2) == 4
+"""
+
+
+def test_of_processes_that_need_the_same_kernel_one_compiles(tmp_path: Path) -> None:
+    (tmp_path / "twice.py").write_text(TWICE)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, str(tmp_path / "twice.py")]
+    started = [
+        subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    said = [process.communicate()[0] for process in started]
+    assert [process.returncode for process in started] == [0, 0]
+    assert sorted(said) == ["", "compiled\n"]
+    assert [path.name for path in (tmp_path / "cache").rglob("*.lock")] in ([], ["index.lock"])
+
+
+def test_entries_of_a_cache_are_made_one_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else of two processes that read the index, and write it again, one would lose its entry."""
+    entries: list[object] = []
+    monkeypatch.setattr(FunctionCache, "save_overload", lambda *entry: entries.append(entry))
+    with _jit._cached_in(str(tmp_path)):
+        cache = SharedCache(found)
+    with FileLock(Path(cache.cache_path, "index.lock")):
+        saving = threading.Thread(target=cache.save_overload, args=((), None))
+        saving.start()
+        saving.join(0.3)
+        assert saving.is_alive()
+        assert entries == []
+    saving.join(10)
+    assert len(entries) == 1

@@ -24,7 +24,7 @@ from .example_boxes import (
     taken,
     with_halo,
 )
-from .example_columns import Cover, G, interaction
+from .example_columns import SPACE, TYPES, Cover, G, interaction
 
 CELLS = range(len(ORIGINS))
 
@@ -55,26 +55,26 @@ def make_pair_potential(boxes: Boxes) -> tuple[NDArray, NDArray]:
 @both_ways
 @pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize(
-    ("background", "attracts", "pairs", "field"),
+    ("background", "attracts", "pairs", "fields"),
     [
-        (True, False, False, False), (False, True, False, False), (True, True, True, True),
-        (False, False, True, False), (False, True, False, True),
+        (True, False, False, 0), (False, True, False, 0), (True, True, True, 2),
+        (False, False, True, 0), (False, True, False, 1),
     ],
 )  # fmt: skip
 def test_cells_feel_the_others_and_space(
-    background: bool, attracts: bool, pairs: bool, field: bool, whole: bool, way: str
+    background: bool, attracts: bool, pairs: bool, fields: int, whole: bool, way: str
 ) -> None:
     boxes, phi = make_boxes(seed=11, whole=whole)
     cover = Cover(boxes)
-    columns = cover.columns(background, 3 + field if attracts else 0, field)
+    columns = cover.columns(background, 3 + fields if attracts else 0, fields)
     pairs_start, pool = make_pair_potential(boxes) if pairs else (None, None)
-    taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(field), columns)
+    taken(accumulate, way)(cover.shares(), cover.lists(), phi, boxes, interaction(fields), columns)
     assert np.isnan(columns.repulsion[cover.between()]).all()
     for i in CELLS:
         repulsion = np.full(held(boxes, i).sum() + 3, np.nan)
         psi = empty_frame(boxes, i) if attracts or pairs else None
         taken(gather, way)(
-            i, boxes, whole, interaction(field), columns, pairs_start, pool,
+            i, boxes, whole, interaction(fields), columns, pairs_start, pool,
             loaded(boxes, i, phi, whole), repulsion, psi, empty_spans(boxes, i),
         )  # fmt: skip
         worked = in_band(boxes, i, whole)
@@ -87,8 +87,8 @@ def test_cells_feel_the_others_and_space(
             expected = np.zeros(found.shape)
             if attracts:
                 expected += cover.felt_potential(phi, i)
-            if field:
-                expected += cover.at(columns.field, i)
+            for k in range(fields):
+                expected += SPACE[k, TYPES[i]] * cover.at(columns.field[k], i)
             if pairs and pairs_start[i] >= 0:
                 expected += with_halo(pool[pairs_start[i] :], boxes, i)
             np.testing.assert_allclose(found[near], expected[near], rtol=1e-12, atol=1e-13)

@@ -27,6 +27,7 @@ from morphosim import (
     Growth,
     Numerics,
     Physics,
+    Polarity,
     Proliferation,
     QuasiSteady,
     Removal,
@@ -60,8 +61,14 @@ def cells(count: int, **values: Any) -> list[Cell]:
     ]  # fmt: skip
 
 
+STICKY = Physics(sigma=0.3, kappa=0.05)
+"""What most scenes have, so that their step is compiled once."""
+
+
 def numerics(**values: Any) -> Numerics:
-    return Numerics(**({"dt": 1.0, "precision": "double", "threads": 1} | values))
+    """Iterations in single precision, unless told otherwise."""
+    chosen = {"dt": 1.0, "precision": "single", "solver": "band", "threads": 1}
+    return Numerics(**(chosen | values))
 
 
 def moving() -> Scene:
@@ -71,7 +78,7 @@ def moving() -> Scene:
     growing = replace(first, volume=VolumeCourse(times=[0, 50], volumes=[250, 350]))
     return Scene(
         cells=[growing, *others], physics=Physics(sigma=sigma, kappa=0.5),
-        numerics=numerics(seed=3),
+        numerics=numerics(seed=3, precision="double", solver="dct"),
     )  # fmt: skip
 
 
@@ -79,12 +86,13 @@ def staged() -> Scene:
     """A division, a removal, cells that differentiate, and a stage that ends in the past."""
     middle = packed_points(12, RADIUS).mean(axis=0)
     shell = EllipsoidShell(center=middle, semi_axes=(16, 16, 16))
-    sigma = Attraction(types={("A", "A"): 0.5, ("A", "B"): 0.3}, sisters=0.8)
+    pairs = {("c0", "c1"): 0.9}
+    sigma = Attraction(types={("A", "A"): 0.5, ("A", "B"): 0.3}, sisters=0.8, pairs=pairs)
     divide = Division(cell="c2", daughters=("c2a", "c2p"), axis=(1, 0, 0), fraction=0.4)
     first = Stage(name="first", end=Duration(6), events=[divide])
     second = Stage(
         name="second", end=QuasiSteady(), limit=60,
-        physics={"sigma": Attraction(default=0.6), "terms": [Turning(), Ageing()]},
+        physics={"sigma": Attraction(default=0.6, pairs=pairs), "terms": [Turning(), Ageing()]},
         events=[
             Removal(cells=["c3"], above={"z": 20.0}),
             Differentiation(of="A", touching="B", into="C"),
@@ -93,7 +101,7 @@ def staged() -> Scene:
     )  # fmt: skip
     return Scene(
         cells=cells(12), physics=Physics(sigma=sigma, terms=[Turning()]), confinement=shell,
-        numerics=numerics(dt=2.0, solver="band", precision="single"),
+        numerics=numerics(dt=2.0),
         stages=[first, second], duration=80, save_every=20, save_fields="exact",
     )  # fmt: skip
 
@@ -109,12 +117,12 @@ def controlled() -> Scene:
     growing = replace(first, volume=VolumeCourse(times=[0, 50], volumes=[268, 350]))
     return Scene(
         cells=[growing, *others], physics=Physics(sigma=0.3, terms=[Turning()]), stages=stages,
-        numerics=numerics(dt=2.0, tolerance=20.0, precision="single"),
+        numerics=numerics(dt=2.0, tolerance=20.0),
     )  # fmt: skip
 
 
 def growing() -> Scene:
-    """Cells that divide, several at a time, grow and die by rules of all kinds."""
+    """Polar cells that divide, several at a time, grow and die by rules of all kinds."""
     rules = [
         Proliferation(volume=290.0, spread=0.15, axis="long", into={"B": ("A", "B")}),
         Proliferation(rate=5e-3, axis="outward", neighbours=6, types=["A"]),
@@ -122,17 +130,23 @@ def growing() -> Scene:
         Growth(doubling_time=60.0, spread=0.2, pressure=0.4),
     ]
     life = Stage(name="life", end=Duration(30), rules=rules, rules_every=5.0)
+    polarity = Polarity(
+        alpha=0.1, diffusion=0.02, align={"velocity": 0.1, "neighbours": 0.2, "contacts": -0.1},
+        where="free", daughters="opposite", look_every=3.0,
+    )  # fmt: skip
     return Scene(
-        cells=cells(8), physics=Physics(sigma=0.3), stages=[life], numerics=numerics(seed=2)
-    )
+        cells=cells(8), physics=replace(STICKY, terms=[polarity]), stages=[life],
+        numerics=numerics(seed=2),
+    )  # fmt: skip
 
 
 def vanishing(**values: Any) -> Scene:
     """A cell too small to last."""
     small = Cell(name="small", shape=Sphere(center=(30, 0, 0), radius=1.6), volume=0.1)
     return Scene(
-        cells=[*cells(5), small], physics=Physics(M=0.0), numerics=numerics(), duration=60, **values
-    )
+        cells=[*cells(5), small], physics=replace(STICKY, M=0.0),
+        numerics=numerics(), duration=60, **values,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from morphosim import Cell, Scene, Sphere, open_run, save_scene
+from morphosim import (
+    Cell,
+    Numerics,
+    Physics,
+    Scene,
+    Sphere,
+    open_run,
+    save_scene,
+)
 
 DRIVE = Path(__file__).with_name("drive.py")
 SCENES = ["moving", "staged", "controlled", "growing", "vanishing", "stopping"]
@@ -66,9 +74,9 @@ def test_same_state_as_on_one_rank(scene: str, alone: Path, over: Path) -> None:
                 np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-6)
             else:
                 np.testing.assert_array_equal(found[name], expected[name])
-        for name in set(expected.files) & {"phi", "heading"}:
+        for name in set(expected.files) & {"phi", "heading", "polarity"}:
             np.testing.assert_array_equal(found[name], expected[name])
-        assert scene != "growing" or {"born", "generation", "grown_from"} <= set(expected.files)
+        assert scene != "growing" or {"born", "generation", "polarity"} <= set(expected.files)
     assert scene != "staged" or {"heading", "course", "age", "swims"} <= set(expected.files)
 
 
@@ -117,13 +125,15 @@ def test_all_ranks_stop_after_the_same_step_whichever_asks_for_it(over: Path) ->
 COMMAND = """
 import sys
 from pathlib import Path
-from morphosim import Cell, Scene, Sphere
+from morphosim import Cell, Numerics, Physics, Scene, Sphere
 from morphosim.mpi.run import go
 from morphosim.mpi.distributed_simulation import DistributedSimulation
 count, output = int(sys.argv[1]), Path(sys.argv[2])
 cells = [Cell(name=f"c{k}", shape=Sphere(center=(8 * k, 0, 0), radius=4)) for k in range(count)]
 try:
-    scene = Scene(cells=cells, duration=6, save_every=4)
+    physics = Physics(sigma=0.3, kappa=0.05)
+    numerics = Numerics(solver="band", threads=1)
+    scene = Scene(cells=cells, physics=physics, numerics=numerics, duration=6, save_every=4)
     status = go(
         lambda: DistributedSimulation(scene), output, lambda text, err=False: print(text),
         summary=lambda simulation, bar, path: f"{len(simulation.volumes)} cells at {path.name}",
@@ -188,8 +198,10 @@ from mpi4py import MPI
 from morphosim import Cell, Numerics, Physics, RunWriter, Scene, Sphere
 from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
 cells = [Cell(name=f"c{k}", shape=Sphere(center=(20 * k, 0, 0), radius=4)) for k in range(2)]
-physics = Physics(terms=[FailsForOne(cell=sys.argv[2])])
-scene = Scene(cells=cells, physics=physics, numerics=Numerics(threads=1), duration=20)
+terms = [FailsForOne(cell=sys.argv[2])]
+physics = Physics(sigma=0.3, kappa=0.05, terms=terms)
+numerics = Numerics(solver="band", threads=1)
+scene = Scene(cells=cells, physics=physics, numerics=numerics, duration=20)
 simulation = DistributedSimulation(scene)
 error = None
 try:
@@ -232,11 +244,13 @@ def test_the_command_tells_an_error_of_one_rank_once(
     (tmp_path / "failing_terms.py").write_text(TERMS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     cells = [Cell(name=f"c{k}", shape=Sphere(center=(20 * k, 0, 0), radius=4)) for k in range(2)]
-    save_scene(Scene(cells=cells, duration=20), tmp_path / "scene.toml")
-    scene = (tmp_path / "scene.toml").read_text()
+    physics = Physics(sigma=0.3, kappa=0.05)
+    scene = Scene(cells=cells, physics=physics, numerics=Numerics(solver="band"), duration=20)
+    save_scene(scene, tmp_path / "scene.toml")
+    text_of_scene = (tmp_path / "scene.toml").read_text()
     values = f'cell = "c{failing}", early = {str(early).lower()}'
     term = f'[physics]\nterms = [{{ use = "failing_terms:FailsForOne", {values} }}]'
-    (tmp_path / "scene.toml").write_text(scene.replace("[physics]", term))
+    (tmp_path / "scene.toml").write_text(text_of_scene.replace("[physics]", term))
     start = "from morphosim.cli import main; main()"
     done = launch(2, "-c", start, "run", tmp_path / "scene.toml", "-o", tmp_path / "run", "--mpi")
     assert done.returncode == status

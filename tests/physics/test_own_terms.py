@@ -300,8 +300,10 @@ WRONG = {
     "use = 'MODULE:Gravity', wieght = 1.0": "did you mean 'weight'",
     "use = 'MODULE:Gravity', weight = nan": "weight = nan; it must be finite",
     "use = 'MODULE:Persistence'": "type",
-    "weight = 1.0": "expected a table with use = 'module:Class'",
-    "use = 3": "expected a table with use",
+    "weight = 1.0": "expected a table with a kind out of .* or with use = 'module:Class'",
+    "use = 3": "expected a table with a kind out of .* or with use",
+    "kind = 'gravty'": "did you mean 'gravity'",
+    "kind = 'gravity', wieght = 1.0": "did you mean 'weight'",
     "use = 'MODULE:Persistence', type = 'none'": "'none' is not one of",
 }
 

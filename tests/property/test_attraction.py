@@ -63,7 +63,7 @@ def told_to_kernels(sigma: Attraction, cells: Cells) -> NDArray[np.float64]:
     names, types, mothers = cells
     table = CellTable()
     table.add({"name": names, "parent": mothers}, types)
-    told = Interactions(sigma, 1.6, False, table, table, np.float64)
+    told = Interactions(sigma, 1.6, (), table, table, np.float64)
     kinds = told.interaction.types
     result = told.interaction.pull[np.ix_(kinds, kinds)] * (told.n_fields > 0)
     if told.pairs is not None:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from morphosim import _validate
@@ -43,9 +42,7 @@ class Division:
         object.__setattr__(self, "daughters", names)
         _validate.unique(f"{where}: name", (self.cell, *names))
         _validate.number(f"{where}: fraction", self.fraction, above=0, most=0.999)
-        if np.abs(_validate.vector(f"{where}: axis", self.axis)).max() < _validate.SMALLEST:
-            message = f"{where}: axis = {_validate.brief(self.axis)} has no direction"
-            raise ValueError(message)
+        _validate.direction(f"{where}: axis", self.axis)
         if self.types is not None:
             kinds = _validate.labels(f"{where}: types", self.types, 2, empty=True)
             object.__setattr__(self, "types", kinds)
