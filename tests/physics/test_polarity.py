@@ -381,7 +381,7 @@ def test_steps_that_are_too_long_are_told() -> None:
     assert "within 1.7 steps" in told(diffusion=0.15)[0]
     assert not told(diffusion=0.15, plane=(0, 0, 1))
     assert "Take look_every and dt of at most 2.5" in told(align={"neighbours": 0.8})[0]
-    with pytest.warns(StabilityWarning, match="off the surface tension"):
+    with pytest.warns(StabilityWarning, match="interface widths"):
         Simulation(scene(Polarity(alpha=0.6), count=1))
 
 
