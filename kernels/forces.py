@@ -58,7 +58,7 @@ def force(
 @kernel()
 def plane_right_hand_side(
     low, high, phi, psi, rhs, history, start, sx, sy, stencil, scheme, well, half,
-    pressure, dx, dy, dz, points, i, use_repulsion,
+    pressure, dx, dy, dz, points, i, use_repulsion, mobility,
 ):  # fmt: skip
     """`right_hand_side` along one run of the frames."""
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
@@ -70,6 +70,8 @@ def plane_right_hand_side(
             phi, gx, gy, gz, slope, psi, rhs, p, sx, sy, stencil, well, half, pressure, dx, dy, dz,
             points, i, use_repulsion,
         )  # fmt: skip
+        if mobility is not None:
+            total *= mobility
         if history is not None:
             memory = history[p]
             history[p] = b0 * value + b1 * total
@@ -110,5 +112,5 @@ def right_hand_side(
         plane_right_hand_side(
             low, high, phi, psi, rhs, history, start, np.uint64(sx), np.uint64(sy), stencil,
             scheme, terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i,
-            use_repulsion,
+            use_repulsion, entry(terms.mobility, i, 0),
         )  # fmt: skip

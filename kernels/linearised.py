@@ -54,7 +54,7 @@ MISSED, MOVED, SLOPE, N_CHANGES = 0, 1, 2, 3
 @kernel()
 def plane_residual(
     low, high, phi, psi, rhs, last, slopes, damping, sx, sy, stencil, rate, well, half,
-    pressure, dx, dy, dz, points, i, use_repulsion,
+    pressure, dx, dy, dz, points, i, use_repulsion, mobility,
 ):  # fmt: skip
     """F - τ/δt (φ* - φⁿ), |∇φ*| and D along one run of the frames, and sums of them."""
     zero = half - half
@@ -72,6 +72,9 @@ def plane_residual(
         local = well * (half - three * (value - value * value))
         if use_repulsion is not None:
             local += rhs[p]
+        if mobility is not None:
+            total *= mobility
+            local *= mobility
         total -= rate * (value - last[p])
         sum_residual += total
         sum_slope += slope
@@ -110,6 +113,7 @@ def residual(i, boxes, terms, frames, psi, stencil, rate, half, sums, use_repuls
             low, high, frames[PHI], psi, frames[RHS], frames[LAST], frames[U], frames[DAMPING],
             np.uint64(sx), np.uint64(sy), stencil, rate, terms.well[i], half,
             terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
+            entry(terms.mobility, i, 0),
         )  # fmt: skip
         sums[0] += a
         sums[1] += b
