@@ -61,7 +61,7 @@ def force(
 @kernel()
 def blocks_right_hand_side(
     blocks, n, first, phi, psi, repulsion, history, rhs, memory, start, sx, sy, stencil, scheme,
-    well, half, pressure, dx, dy, dz, points, i, use_repulsion,
+    well, half, pressure, dx, dy, dz, points, i, use_repulsion, mobility,
 ):  # fmt: skip
     """`right_hand_side` of the blocks given; the cell's history begins at `first`."""
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
@@ -77,6 +77,8 @@ def blocks_right_hand_side(
                 phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure,
                 dx, dy, dz, points, i, use_repulsion,
             )  # fmt: skip
+            if mobility is not None:
+                total *= mobility
             if history is not None:
                 before = history[kept + j]
                 memory[q] = b0 * value + b1 * total
@@ -117,5 +119,5 @@ def right_hand_side(
     blocks_right_hand_side(
         blocks, n, boxes.start[i], phi, psi, repulsion, history, rhs, memory, start,
         np.uint64(sx), np.uint64(sy), stencil, scheme, terms.well[i], half, terms.pressure[i], dx,
-        dy, dz, terms.points, i, use_repulsion,
+        dy, dz, terms.points, i, use_repulsion, entry(terms.mobility, i, 0),
     )  # fmt: skip

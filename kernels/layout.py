@@ -176,7 +176,7 @@ class CellTerms(NamedTuple):
     """Per-cell numbers of one step, in the type of the fields."""
 
     gamma: np.ndarray
-    """(N,) surface tension γ."""
+    """(N,) surface tension γ, times the mobility."""
     well: np.ndarray
     """(N,) 4 γ c."""
     pressure: np.ndarray
@@ -187,6 +187,9 @@ class CellTerms(NamedTuple):
     """(N,) records with the values of a force at each point; see `points`. None without."""
     fresh: np.ndarray
     """(N,) bool, whether the cell has no history and makes a first-order start."""
+    mobility: Any
+    """(N, 1) τ of the scheme over that of the cell, by which F is multiplied: a cell's equation is
+    divided by its own τ. None where τ is one number."""
     n_iterations: np.ndarray
     """(N,) int64, Chebyshev iterations of the step."""
     weights: np.ndarray

@@ -60,7 +60,7 @@ MISSED, MOVED, SQUARE, N_CHANGES = 0, 1, 2, 3
 @kernel()
 def blocks_residual(
     blocks, n, first, phi, psi, repulsion, last, rhs, slopes, damping, sx, sy, stencil, rate, well,
-    half, pressure, dx, dy, dz, points, i, use_repulsion,
+    half, pressure, dx, dy, dz, points, i, use_repulsion, mobility,
 ):  # fmt: skip
     """F - τ/δt (φ* - φⁿ), |∇φ*| and D of the blocks given; the cell begins at `first` in `last`."""
     three = half + half + half + half + half + half
@@ -79,6 +79,9 @@ def blocks_residual(
             local = well * (half - three * (value - value * value))
             if use_repulsion is not None:
                 local += repulsion[q]
+            if mobility is not None:
+                total *= mobility
+                local *= mobility
             rhs[q] = total - rate * (value - last[before + j])
             slopes[q] = slope
             damping[q] = local
@@ -115,6 +118,7 @@ def residual(
         blocks, n, boxes.start[i], frames[PHI], psi, stretches[R], phi, stretches[RHS],
         stretches[SLOPE], stretches[DAMPING], np.uint64(sx), np.uint64(sy), stencil, rate,
         terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
+        entry(terms.mobility, i, 0),
     )  # fmt: skip
     sums_of(
         stretch_length(i, boxes, False), stretches[RHS], stretches[SLOPE], stretches[DAMPING], sums

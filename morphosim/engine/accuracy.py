@@ -177,6 +177,7 @@ class Accuracy:
         self,
         physics: Physics,
         tensions: Floats,
+        mobility: Floats,
         largest: float,
         rate: float,
         confinement: Confinement | None,
@@ -187,18 +188,20 @@ class Accuracy:
         ----------
         physics : Physics
         tensions : (N,) surface tensions γ
+        mobility : (N,) see `CellTerms`
         largest : float
-            That of all cells of the simulation.
+            γ times mobility, of all cells of the simulation.
         rate : float
             Of what is explicit.
         confinement : Confinement, optional
         """
         numerics, count = self._numerics, len(tensions)
         self._c, self._tau, self._rate, self._largest = physics.c, physics.tau, rate, largest
-        self._well = SHIFT * tensions * physics.c
+        self._well = SHIFT * tensions * mobility * physics.c
+        self._tensions = tensions.astype(self._weights.dtype)
         sharpness = (2 * physics.interface_scale * numerics.spacing) ** 2
         share = self._share * (1.0 if numerics.order in (2, 4) else sharpness)
-        self._rates = np.full(count, share * numerics.spacing / physics.tau)
+        self._rates = share * numerics.spacing / physics.tau * mobility
         self._lags, self._due = np.zeros((count, 4)), np.zeros(count, bool)
         self._hard = confinement is not None and getattr(confinement, "width", None) == 0
         self._wall_errors, self._strength = np.full(count, STEPPED * numerics.spacing), 0.0
@@ -265,7 +268,7 @@ class Accuracy:
             self._wall_errors[:] = OUT / self._strength * np.abs(terms.pressure - self._matched)
         measure_defects(
             state.schedule.order, self._due, state.pool.acting,
-            state.pool.boxes, not state.pool.band_only, terms.gamma, terms.pressure, terms.drift,
+            state.pool.boxes, not state.pool.band_only, self._tensions, terms.pressure, terms.drift,
             coupling.interaction, coupling.columns, *coupling.pairs, state.workspace.room,
             self._weights, self._rates, self._wall_errors, time, self._sums,
             cells["error_defect"], cells["error_space"], cells["error_clock"], attracts, walls,

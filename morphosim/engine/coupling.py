@@ -31,6 +31,8 @@ class Coupling:
     ----------
     acts : bool
         Whether any cell feels another or a wall.
+    fastest : float
+        Largest mobility of a cell, see `CellTerms`, that `strongest` and `largest` count with.
     """
 
     def __init__(self, dtype: np.dtype, threads: int) -> None:
@@ -39,7 +41,7 @@ class Coupling:
         self._walls = _Space((), None, dtype)
         self._fields: list[_Space] = []
         self._pair_potential: NDArray[np.floating] | None = None
-        self.acts = False
+        self.acts, self.fastest = False, 1.0
 
     def set_up(self, environment: Environment, cells: CellTable, everyone: CellTable) -> None:
         """Take over who acts on whom; `lay_out` must follow.
@@ -125,12 +127,13 @@ class Coupling:
     @property
     def strongest(self) -> float:
         """About the largest R that a cell here may feel of two others, and of walls."""
-        return 2 * float(self.interaction.g) + self._cover.wall if self.acts else 0.0
+        felt = 2 * float(self.interaction.g) + self._cover.wall if self.acts else 0.0
+        return self.fastest * felt
 
     @property
     def largest(self) -> float:
         """Largest R in the present state, each cell's own share included."""
-        return self._cover.largest if self.acts else 0.0
+        return self.fastest * self._cover.largest if self.acts else 0.0
 
     @property
     def uses(self) -> tuple[bool | None, bool | None]:

@@ -268,7 +268,8 @@ class Engine(CellView):
             self._values = self._values._replace(fresh=self.cells["fresh"])
         return StepState(
             self._schedule, self.pool, self._values, self._coupling, self._workspace,
-            self._stencil, self._limits, self._later, self._first, ticks, self._forces.stiffness,
+            self._stencil, self._limits, self._later, self._first, ticks,
+            self._forces.stiffness * self._mobility,
         )  # fmt: skip
 
     def contents(self, lasting: bool = True) -> dict[str, Any]:
@@ -387,31 +388,42 @@ class Engine(CellView):
             term.surround(environment)
         self._coupling.set_up(environment, cells, self.everyone)
         self._stencil = make_stencil(numerics.order, numerics.spacing, self.dtype, scale)
+        self._mobility, mobilities = self._mobilities(cells), self._mobilities(self.everyone)
+        self._coupling.fastest = float(mobilities.max(initial=0.0))
+        all_tensions *= mobilities
         tensions = physics.surface_tension.tensions(cells)
-        self.solver.set_up(physics, tensions, np.unique(all_tensions), self.explicit_rate)
+        solved = tensions * self._mobility
+        self.solver.set_up(physics, solved, np.unique(all_tensions), self.explicit_rate)
         n = len(cells)
         self._forces = Forces(np.zeros(n), np.zeros((n, 3)), np.zeros(n))
         self._values = self._cell_terms(tensions)
         self._accuracy.set_up(
-            physics, tensions, float(all_tensions.max()), self.explicit_rate, self.confinement
-        )
+            physics, tensions, self._mobility, float(all_tensions.max()), self.explicit_rate,
+            self.confinement,
+        )  # fmt: skip
         self._first, self._later = self._scheme(True), self._scheme(False)
+
+    def _mobilities(self, cells: CellTable) -> NDArray[np.float64]:
+        """(N,) `Physics.tau` over τ of each cell, by which its equation is multiplied."""
+        return self.physics.tau / self.physics.viscosity.of_each(cells)
 
     def _cell_terms(self, tensions: NDArray[np.float64]) -> CellTerms:
         """Numbers of each cell for the kernels."""
         n = len(self)
         drifts = any(term.drifts for term in self._terms)
+        differs = bool(self.physics.tau_by_type)
         points = [
             (term.point, term.point_values(self.cells))
             for term in self._terms if term.point is not None
         ]  # fmt: skip
         return CellTerms(
-            gamma=tensions.astype(self.dtype),
+            gamma=(tensions * self._mobility).astype(self.dtype),
             well=(4 * tensions * self.physics.c).astype(self.dtype),
             pressure=np.zeros(n, self.dtype),
             drift=np.zeros((n, 3), self.dtype) if drifts else None,
             points=records(points, self.dtype, n),
             fresh=self.cells["fresh"],
+            mobility=self._mobility[:, None].astype(self.dtype) if differs else None,
             n_iterations=np.zeros(n, np.int64),
             weights=np.zeros((n, 0), self.dtype),
         )
@@ -442,11 +454,12 @@ class Engine(CellView):
         """Pressure and drift of this step, from all terms."""
         forces, values = self._forces, self._values
         volumes = self.pool.totals * self.numerics.spacing**3
-        numerics = self.numerics
+        numerics, physics = self.numerics, self.physics
+        tau = physics.tau / self._mobility[:, None] if physics.tau_by_type else physics.tau
         length = ticks * numerics.tick
         step = Step(
             self.ticks, self.time, self._forces_at(ticks), length, numerics.dt, numerics.seed,
-            volumes, self.physics.tau,
+            volumes, tau,
         )  # fmt: skip
         if any(term.senses(step) for term in self._terms):
             step = replace(step, surroundings=self._surroundings())

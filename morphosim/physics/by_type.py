@@ -58,6 +58,10 @@ class ByType:
         """Largest size of the value among cells of these types."""
         return max(abs(self.of(kind)) for kind in types)
 
+    def smallest(self, types: Collection[str]) -> float:
+        """Smallest value of cells of these types."""
+        return min(self.of(kind) for kind in types)
+
     @property
     def acts(self) -> bool:
         """Whether any value is not 0."""

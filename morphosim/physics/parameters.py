@@ -8,6 +8,7 @@ from morphosim import _validate
 from morphosim._shown import listed, short_repr
 from morphosim.cell_table import Column
 from morphosim.physics.attraction import Attraction
+from morphosim.physics.by_type import ByType
 from morphosim.physics.confinement_repulsion import ConfinementRepulsion
 from morphosim.physics.motility import Motility
 from morphosim.physics.repulsion import Repulsion
@@ -26,6 +27,8 @@ class Physics:
     ----------
     tau : float
         Ambient viscosity τ (Eq. 5).
+    tau_by_type : mapping from cell type to float
+        τ of cells of these types, instead of `tau`.
     gamma : float
         Surface tension γ (Eq. 1); a `Cell` may have its own.
     c : float
@@ -54,6 +57,7 @@ class Physics:
     """
 
     tau: float = 2.62
+    tau_by_type: Mapping[str, float] = field(default_factory=dict)
     gamma: float = 0.25
     c: float = 2.0
     volume_constraint: str = "relative"
@@ -68,7 +72,7 @@ class Physics:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        _validate.number("physics.tau", self.tau, above=0)
+        self.viscosity.validate(above=0)
         if not isinstance(self.sigma, Attraction):
             value = _validate.number("physics.sigma", self.sigma, least=0)
             object.__setattr__(self, "sigma", Attraction(default=value))
@@ -135,6 +139,11 @@ class Physics:
         return ", ".join(part for part in parts if part)
 
     @property
+    def viscosity(self) -> ByType:
+        """τ, by type."""
+        return ByType("physics.tau", self.tau, self.tau_by_type)
+
+    @property
     def surface_tension(self) -> SurfaceTension:
         """`gamma` and `c` as a term."""
         return SurfaceTension(gamma=self.gamma, c=self.c)
@@ -157,6 +166,7 @@ class Physics:
 
     def check(self, names: Collection[str], types: Collection[str]) -> None:
         """Raise ValueError if a term names a cell or a type that is not one of these."""
+        self.viscosity.check(types)
         for term in self.all_terms:
             term.check(names, types)
 
@@ -166,6 +176,7 @@ class Physics:
         return replace(
             self, sigma=self.attraction.among(names, types), kappa_by_type=kappa,
             terms=[term.among(names, types) for term in self.terms],
+            tau_by_type=self.viscosity.among(types),
         )  # fmt: skip
 
     @property

@@ -28,8 +28,7 @@ def too_fast(what: str, force: float, conditions: Conditions) -> Concern | None:
         return None
     move = force * conditions.numerics.dt / conditions.tau
     found = (_too_far(what, move, conditions), _tension_lost(what, move, conditions))
-    worst = max(found, key=lambda concern: concern.excess)
-    return worst if worst.excess > 1 else None
+    return next((concern for concern in found if concern.excess > 1), None)
 
 
 def _too_far(what: str, move: float, conditions: Conditions) -> Concern:

@@ -54,8 +54,8 @@ class Step:
         `kernels.noise` does: then they depend neither on threads nor on other cells.
     volumes : (N,) float64
         ∫ φ of each cell, µm³.
-    tau : float
-        Viscosity τ: a drift d moves a cell with the velocity -d/τ.
+    tau : float or (N, 1) float64
+        Viscosity τ, of each cell where it differs: a drift d moves a cell with the velocity -d/τ.
     surroundings : Surroundings or None
         Where cells are and what they touch, if a term `senses` it in this step. Then ghost cells
         have the columns of terms, too.
@@ -68,7 +68,7 @@ class Step:
     usual_dt: float
     seed: int
     volumes: Floats
-    tau: float
+    tau: float | Floats
     surroundings: Surroundings | None = None
 
     __repr__ = short_repr
@@ -203,7 +203,9 @@ class Conditions:
         Whether there is more than one cell, now or by divisions that are stated.
     staged : bool
         Whether there are stages, whose events may bring about more cells.
-    tau, interface_scale : float
+    tau : float
+        Least viscosity τ of these types.
+    interface_scale : float
         See `Physics`.
     numerics, confinement
         See `Scene`.

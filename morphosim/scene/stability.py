@@ -313,7 +313,8 @@ def conditions(scene: Scene, physics: Physics, rehearsal: Rehearsal | None = Non
 def conditions_of(scene: Scene, physics: Physics, **cells: Any) -> Conditions:
     """What force terms are asked about, of these cells of a scene."""
     return Conditions(
-        staged=bool(scene.stages), tau=physics.tau, interface_scale=physics.interface_scale,
+        staged=bool(scene.stages), tau=physics.viscosity.smallest(cells["types"]),
+        interface_scale=physics.interface_scale,
         numerics=scene.numerics, confinement=scene.confinement, **cells,
     )  # fmt: skip
 
@@ -329,13 +330,13 @@ def _filled(cell: Cell) -> list[float]:
 
 
 def rates_of(physics: Physics, conditions: Conditions) -> dict[str, float]:
-    """Rates by name of the term, where they are fastest together.
+    """Rates by name of the term, where they are fastest together, as of cells with `physics.tau`.
 
-    That is at walls, or where cells meet, or of cells as a whole.
+    That is at walls, or where cells meet, or of cells as a whole; of those with the least τ.
     """
-    terms = physics.active_terms
-    at_points = _summed([(term.name, term.explicit_rate(conditions)) for term in terms])
-    of_cells = _summed([(term.name, term.whole_cell_rate(conditions)) for term in terms])
+    terms, faster = physics.active_terms, mobility(physics, conditions)
+    at_points = _summed([(t.name, faster * t.explicit_rate(conditions)) for t in terms])
+    of_cells = _summed([(t.name, faster * t.whole_cell_rate(conditions)) for t in terms])
     at_walls, meeting = _without(CELLS, at_points), _without(WALLS, at_points)
     whole = sum(of_cells.values())
     if WALLS in at_walls:
@@ -348,6 +349,11 @@ def rates_of(physics: Physics, conditions: Conditions) -> dict[str, float]:
         meeting[CELLS] += more
         of_cells[max(of_cells, key=lambda name: of_cells[name])] += more
     return max((at_walls, meeting, of_cells), key=lambda rates: sum(rates.values()))
+
+
+def mobility(physics: Physics, conditions: Conditions) -> float:
+    """How many times faster cells with the least τ follow forces than those of `physics.tau`."""
+    return physics.tau / conditions.tau
 
 
 def _together(alone: float, whole: float, coupling: float) -> float:
@@ -483,7 +489,7 @@ def _least_tau(scene: Scene) -> float:
 
 def short_lag(scene: Scene) -> float:
     """Lag that is no matter however short the run is."""
-    rates = [2 * c.tensions.max() * p.c / p.tau for p, c in _courses(scene)]
+    rates = [2 * c.tensions.max() * p.c / c.tau for p, c in _courses(scene)]
     return SHORT_LAG / float(max(rates))
 
 
@@ -491,6 +497,6 @@ def largest_euler_step(scene: Scene) -> float:
     """Largest δt of explicit Euler that is expected to be stable."""
     numerics, scale = scene.numerics, scene.physics.interface_scale
     k2 = largest_eigenvalue(numerics.order, numerics.spacing, scale)
-    stiffest = max(float(conditions.tensions.max()) for _, conditions in _courses(scene))
+    stiffest = max(float(c.tensions.max()) * mobility(p, c) for p, c in _courses(scene))
     fastest = explicit_rate(scene) + stiffest * k2
     return float(2 * scene.physics.tau / fastest)

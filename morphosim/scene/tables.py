@@ -14,6 +14,9 @@ from morphosim.scene.cell import Cell, VolumeCourse
 from morphosim.scene.term_tables import term_table, terms_of
 from morphosim.scene.values import build, dataclass_table, plain
 
+BY_TYPE = ("tau_by_type", "kappa_by_type")
+"""Fields of `Physics` of which files say nothing where they are empty."""
+
 
 def numerics_of(table: Mapping[str, Any]) -> Numerics:
     """Numerics from a table; `preset` names what the other values differ from."""
@@ -125,8 +128,9 @@ def _without_terms(physics: Physics) -> dict[str, Any]:
     """Physics as files say them, but the terms."""
     sigma = physics.attraction
     table = dataclass_table(physics)
-    if not physics.kappa_by_type:
-        del table["kappa_by_type"]
+    for name in BY_TYPE:
+        if not table[name]:
+            del table[name]
     del table["terms"]
     table["sigma"] = {"default": sigma.default}
     if sigma.sisters is not None:
@@ -169,7 +173,7 @@ def physics_said(values: Mapping[str, Any]) -> dict[str, Any]:
         default it means.
     """
     physics = Physics(**values)
-    table = {"kappa_by_type": {}, "terms": []} | physics_in_file(physics)
+    table = {name: {} for name in BY_TYPE} | {"terms": []} | physics_in_file(physics)
     if "M" in values and physics.M is None:
         if "volume_constraint" not in values:
             message = "M = None cannot be written without volume_constraint; give its number"

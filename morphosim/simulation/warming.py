@@ -82,9 +82,9 @@ def _finish(crew: "_Crew", place: Path, rest: ExitStack) -> None:
     """Wait for what a run does not wait for."""
     crew.wait(lambda *_: None)
     atexit.unregister(rest.close)
-    if not crew.closed:  # it would be killed, or die, again
-        _note(place, [])
-    rest.close()
+    with rest, suppress(OSError):
+        if not crew.closed:  # one that has died would do so again
+            _note(place, [])
 
 
 def warm(scenes: Iterable[Scene], tell: TellWhat) -> int:

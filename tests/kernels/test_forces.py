@@ -60,6 +60,7 @@ def make_terms(n: int, drift: bool, iterations: int = 0) -> CellTerms:
         drift=rng.normal(size=(n, 3)) if drift else None,
         points=None,
         fresh=np.arange(n) == 0,
+        mobility=None,
         n_iterations=np.maximum(iterations - (np.arange(n) == 0), min(iterations, 1)),
         weights=rng.uniform(0.005, 0.02, (n, iterations)),
     )
