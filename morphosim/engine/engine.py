@@ -432,7 +432,7 @@ class Engine(CellView):
         """What cells can feel of where they are."""
         pool, walls = self.pool, self.confinement
         return Surroundings(
-            pool.acting, pool.origin, pool.shape, pool.start, self.numerics.spacing,
+            pool.acting, pool.stored, self.numerics.spacing,
             None if walls is None else walls.depth,
         )  # fmt: skip
 

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from morphosim.kernels.layout import Boxes
 from morphosim.kernels.moments import N_MOMENTS, moments
 from morphosim.kernels.surfaces import surfaces
 from morphosim.measure.contacts import SURFACE_LEVEL, Prepared, prepare, side_areas
@@ -26,10 +27,8 @@ class Surroundings:
     ----------
     phi : 1-D array
         Pool of all fields.
-    origin, shape : (N, 3)
-        Lattice position of each box's first point, and its points per axis.
-    start : (N,)
-        First index of each box in the pool; z runs fastest.
+    boxes : Boxes
+        Where they lie; see `measure.measure`.
     spacing : float
         Lattice step, µm.
     depth : function of x, y, z, optional
@@ -42,19 +41,19 @@ class Surroundings:
     """
 
     def __init__(
-        self, phi: NDArray[np.floating], origin: Integers, shape: Integers, start: Integers,
-        spacing: float, depth: Callable[[Floats, Floats, Floats], Floats] | None,
+        self, phi: NDArray[np.floating], boxes: Boxes, spacing: float,
+        depth: Callable[[Floats, Floats, Floats], Floats] | None,
     ) -> None:  # fmt: skip
-        self._boxes, self._spacing, self._depth = (phi, origin, shape, start), spacing, depth
-        self.centroid: Floats = (origin + self._centre(0)) * spacing
+        self._phi, self._boxes, self._spacing, self._depth = phi, boxes, spacing, depth
+        self.centroid: Floats = (boxes.origin + self._centre(0)) * spacing
 
     @cached_property
     def _prepared(self) -> Prepared:
-        return prepare(*self._boxes)
+        return prepare(self._phi, self._boxes)
 
     @cached_property
     def _moments(self) -> Floats:
-        found = np.zeros((len(self._boxes[3]), N_MOMENTS))
+        found = np.zeros((len(self._boxes.start), N_MOMENTS))
         moments(self._prepared.shares, self._prepared.fields, found)
         return found
 
@@ -108,7 +107,7 @@ class Surroundings:
         centre = self._centre(4)
         second = self._moments[:, MATRIX] / weight[:, None, None]
         tensor = 5 * (second - centre[:, :, None] * centre[:, None, :]) * self._spacing**2
-        depth, normal = self._walls((self._boxes[1] + centre) * self._spacing)
+        depth, normal = self._walls((self._boxes.origin + centre) * self._spacing)
         extent = np.sqrt(np.einsum("na,nab,nb->n", normal, tensor, normal))
         return np.asarray(np.nan_to_num(extent / np.maximum(depth, SMALLEST)))
 
