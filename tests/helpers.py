@@ -14,7 +14,7 @@ from morphosim import Scene, built_in_scene, scene_names
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.engine import Engine
 from morphosim.kernels.noise import normal_vectors
-from morphosim.kernels.rows import BLOCK
+from morphosim.kernels.rows import BLOCK, RIM
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 
@@ -149,9 +149,9 @@ def band_of(pool: BoxPool, i: int) -> NDArray[np.bool_]:
 
 
 def assert_band_alone(pool: BoxPool, i: int) -> None:
-    """All beyond the tolerance, and a point around, is in cell i's band; there is nothing else."""
+    """All beyond the tolerance, and what is `RIM` steps around, is in cell i's band, and no more."""
     inside = band_of(pool, i)
-    wanted = ndimage.binary_dilation(np.abs(pool.box(i)) > pool.limits.tolerance)
+    wanted = ndimage.binary_dilation(np.abs(pool.box(i)) > pool.limits.tolerance, iterations=RIM)
     assert not (wanted & ~inside).any()
     np.testing.assert_array_equal(wanted.any(axis=2), inside.any(axis=2))
     assert not inside.all()
