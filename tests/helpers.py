@@ -149,7 +149,7 @@ def band_of(pool: BoxPool, i: int) -> NDArray[np.bool_]:
 
 
 def assert_band_alone(pool: BoxPool, i: int) -> None:
-    """All beyond the tolerance, and what is `RIM` steps around, is in cell i's band, and no more."""
+    """What is up to `RIM` steps from the tolerance is in cell i's band, and no other row."""
     inside = band_of(pool, i)
     wanted = ndimage.binary_dilation(np.abs(pool.box(i)) > pool.limits.tolerance, iterations=RIM)
     assert not (wanted & ~inside).any()
