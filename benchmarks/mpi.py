@@ -126,7 +126,7 @@ def planned(
 ) -> dict[str, Any]:
     """What a rank of a large machine would hold and send per step, in single precision.
 
-    `box` is the box of a cell, from its centre, and `band` the share of its rows in the band.
+    `box` is the box of a cell, from its centre, and `band` the share of its points in the band.
     """
     points = np.rint(packed_points(cells, RADIUS) / SPACING).astype(np.int64)
     origin, shape = points + box[0], np.tile(box[1], (cells, 1))
@@ -145,19 +145,19 @@ def planned(
         "partners": max(len(sends) for sends, _ in plans),
         "MB sent": 4e-6 * band * max(points_sent),
         "MB of ghost cells": 4e-6 * max(boxes),
-        "MB of own": 4e-6 * float(np.bincount(owner).max() * box[1].prod()),
+        "MB of own": 4e-6 * band * float(np.bincount(owner).max() * box[1].prod()),
         "ms to lay out": 1e3 * seconds,
     }
 
 
 def plan(options: Any) -> None:
     """Table of what larger machines exchange."""
-    pool = Simulation(packed_scene(13, threads=1)).engine.step_state().pool
+    pool = Simulation(packed_scene(13, solver="band", threads=1)).engine.pool
     centre = np.rint(packed_points(13, RADIUS)[0] / SPACING).astype(np.int64)
     box = pool.origin[0] - centre, pool.shape[0]
-    rows = np.diff(pool.band[pool.plane_start[0] :][: pool.shape[0, 0]]).sum()
-    band = float(rows / pool.shape[0, :2].prod())
-    print(f"box {tuple(pool.shape[0].tolist())}, share of rows in the band {band:.2f}")
+    held = pool.stretch(0)
+    band = float((held.stop - held.start) / pool.sizes()[0])
+    print(f"box {tuple(pool.shape[0].tolist())}, share of points in the band {band:.2f}")
     report([planned(cells, ranks, box, band) for cells, ranks in PLANS], options.json)
 
 

@@ -4,10 +4,11 @@ Run as `python benchmarks/roofline.py`. All is of one thread, in microseconds pe
 
 Limits. What the machine can do is measured in the same process, the best of many rounds: the peak
 of single-precision multiply-adds, and the speed of copies, read and written, in arrays that are
-together as large as a thread's frames ("frames": cache), as the scene's pools and columns ("pools":
-a cache that all share, or memory, as their size has it), and as memory only can hold. A phase takes
-at least as long as its flops at the peak, its bytes from and to pools at the speed of pools, and
-its bytes from and to frames at the speed of frames; the largest of them is its limit.
+together as large as a thread's work arrays ("frames": cache), as the scene's pools and columns
+("pools": a cache that all share, or memory, as their size has it), and as memory only can hold. A
+phase takes at least as long as its flops at the peak, its bytes from and to pools at the speed of
+pools, and its bytes from and to work arrays at the speed of frames; the largest of them is its
+limit.
 
 Time. A serial function does what the step kernels do for each cell, up to a given stage. A phase is
 the difference of two of them, each the lower quartile of rounds in which all have their turn; the
@@ -16,11 +17,11 @@ the sums over cells), with coefficients that leave the cell as it is: what is mo
 it costs to have the state of all cells elsewhere. The sum of the phases is printed beside the time
 of a real step.
 
-Work. Points are those that the loops run over, counted with the kernels' own ranges; a run of the
-band holds the halos between its rows. Flops per point are counted by hand below: a sum, difference
-or product is one, a square root, a comparison or a move none. The peak counts two for a
-multiply-add, so what is not one cannot reach it. A stretch of a pool or frame that a phase reads or
-writes counts once for each; what a stencil reads again counts once. Copies write half of what they
+Work. Points are those that the loops run over, counted with the kernels' own ranges; the last block
+of a span may hold points of the one before again. Flops per point are counted by hand below: a sum,
+difference or product is one, a square root, a comparison or a move none. The peak counts two for a
+multiply-add, so what is not one cannot reach it. What a phase reads or writes of a pool or work
+array counts once for each; what a stencil reads again counts once. Copies write half of what they
 move, so a phase that mostly reads may come out beyond 100 %.
 """
 
@@ -41,25 +42,32 @@ from morphosim.kernels.boxes import BAND
 from morphosim.kernels.chebyshev import iterate
 from morphosim.kernels.columns import ROWS, SHIFT, gather, sum_column
 from morphosim.kernels.forces import right_hand_side
-from morphosim.kernels.frames import (
-    HALO,
-    band_rows,
-    clear,
-    load,
-    mirror,
-    reach,
-    run,
-    strides,
-    unload,
-)
+from morphosim.kernels.frames import HALO, clear, mirror
 from morphosim.kernels.helmholtz import helmholtz_solve
 from morphosim.kernels.layout import CellTerms, Scheme
+from morphosim.kernels.rows import (
+    BLOCK,
+    FRAME,
+    NEW_HIGH,
+    NEW_LOW,
+    STRETCH,
+    list_blocks,
+    list_spans,
+    listed,
+    load,
+    n_blocks,
+    reach,
+    row_span,
+    wipe,
+)
 from morphosim.kernels.step import (
-    HISTORY,
+    MEMORY,
     PHI,
     PSI,
+    RESULT,
     RHS,
     START,
+    R,
     accept_band,
     accept_box,
     keep_history,
@@ -71,23 +79,23 @@ FORCE = 3 * DERIVATIVE + 6 + 3 * (DERIVATIVE + 2) + 6 + 2
 """∇φ; p |∇φ| (4 products, 2 sums); ∇φ·∇ψ (per axis ∂ψ, a product, a difference); the well (3
 products, 3 differences); φ R (a product, a difference) (`force`, without drift)."""
 RIGHT_HAND_SIDE = FORCE + 4 + 3
-"""F; a0 φ + a1 F + H; b0 φ + b1 F (`plane_right_hand_side`)."""
+"""F; a0 φ + a1 F + H; b0 φ + b1 F (`blocks_right_hand_side`)."""
 START_OF_ITERATIONS = 4
 """e0 φ + e1 (H + F)."""
 ITERATION = 3 * 5 + 5 + 5
 """Three sums of six neighbours; their weights (3 products, 2 sums); the rest (3 products, 2 sums)
-(`weighted_neighbours`, `iterate_plane`)."""
+(`weighted_neighbours`, `iterate_blocks`)."""
 READ = 3
-"""R and ψ: two products and a difference each (`read_repulsion`, `read_own_potential`)."""
+"""R and ψ: two products and a difference each (`read_block`, `read_own`)."""
 ADD = 3 + 1
-"""R: g φ φ and a sum; Σ φ: a sum (`add_row`)."""
+"""R: g φ φ and a sum; Σ φ: a sum (`add_points`)."""
 SURVEY = 1 + 4
 """φ² and four sums (`row_sums`)."""
 DIVIDE = 3
 """A product, a sum, a division (`divide_by_symbol`)."""
 STEPS, CHAINS, CHAIN_POINTS = 16, 8, 1024
 """Multiply-adds one after the other, of so many independent ones, at each of so many points."""
-MEMORY = 64_000_000
+LARGE = 64_000_000
 """Bytes of an array that no cache holds."""
 AGAIN, ADD_AGAIN = 20, 3
 """How often one cell, and one column, is taken again."""
@@ -102,10 +110,9 @@ PHASES = {
     "dct": ("load", "gather", "force", "transform", "accept"),
 }
 """Phases after "accumulate", in the order of the stages of `band_stages`, `transform_stages`."""
-LISTED, WIDE, REACH, RUN, ADDED, REPELLED, PULLED, N_COUNTED = 0, 1, 2, 3, 4, 5, 6, 7
-"""Points of a cell: of its rows, in the box; of these in the frame, halos with them; of the rows
-that stencils read; of the runs; of rows that are added to columns; of rows that read R; that read ψ
-(from a column, in both cases)."""
+IN_BAND, WORKED, REACH, ADDED, REPELLED, PULLED, N_COUNTED = 0, 1, 2, 3, 4, 5, 6
+"""Points of a cell: of its band, or box; of the blocks; that stencils read; that are added to
+columns; that read R; that read ψ (from a column, in both cases)."""
 
 
 @numba.njit(error_model="numpy", fastmath={"contract"}, nogil=True)
@@ -138,77 +145,84 @@ def copy(source, target, repeats):
 
 @kernel()
 def band_stages(
-    stage, cells, phi, history, boxes, terms, interaction, columns, frames, stencil, scheme,
-    limits, found, measured, surveys, lost,
+    stage, cells, phi, history, boxes, terms, interaction, columns, frames, stretches, blocks,
+    spans, stencil, scheme, limits, measured, surveys, room, lost,
 ):  # fmt: skip
-    """What `step_band` does, up to a stage: 1 load, 2 gather, 3 force, 4 iterations, 5 accept."""
+    """What `step_band` does, up to a stage: 1 load, 2 gather, 3 force, 4 iterations, 5 accept.
+
+    To load is to list the blocks, and to wipe the frames in the end, too.
+    """
     one = limits.half + limits.half
     for k in range(cells.shape[0]):
         i = cells[k]
-        clear(i, boxes, False, frames[PHI])
-        load(i, phi, boxes, False, frames[PHI])
-        load(i, history, boxes, False, frames[HISTORY])
-        clear(i, boxes, False, frames[START])
+        n = list_blocks(i, boxes, False, blocks)
+        load(phi, boxes.start[i], blocks, n, frames[PHI])
         if stage >= 2:
             gather(
-                i, boxes, False, interaction, columns, None, None, frames[PHI], frames[RHS],
-                frames[PSI],
+                i, boxes, False, interaction, columns, None, None, frames[PHI], stretches[R],
+                frames[PSI], spans,
             )  # fmt: skip
         if stage >= 3:
             right_hand_side(
-                i, boxes, False, terms, terms.drift, frames[PHI], frames[PSI], frames[RHS],
-                frames[HISTORY], frames[START], stencil, scheme, limits.half, True,
+                i, boxes, blocks, n, terms, terms.drift, frames[PHI], frames[PSI], stretches[R],
+                history, stretches[RHS], stretches[MEMORY], frames[START], stencil, scheme,
+                limits.half, True,
             )  # fmt: skip
         if stage >= 4:
-            for s in range(terms.n_iterations[i]):
+            last = terms.n_iterations[i] - 1
+            for s in range(last + 1):
                 source = START if s % 2 == 0 else PHI
+                target, where = frames[START + PHI - source], FRAME
+                if s == last:
+                    target, where = stretches[RESULT], STRETCH
                 iterate(
-                    i, boxes, frames[source], frames[START + PHI - source], frames[RHS], stencil,
+                    i, boxes, blocks, n, where, frames[source], target, stretches[RHS], stencil,
                     scheme.lhs, terms.gamma[i], terms.weights[i, s], one,
                 )  # fmt: skip
+        wipe(blocks, n, frames[PHI])
+        wipe(blocks, n, frames[START])
         if stage >= 5:
-            result = PHI if terms.n_iterations[i] % 2 else START
             accept_band(
-                i, phi, history, frames[result], frames[HISTORY], boxes, limits, found, measured,
-                surveys, lost,
+                i, phi, history, stretches[RESULT], stretches[MEMORY], boxes, room[i], limits,
+                spans, measured, surveys, lost,
             )  # fmt: skip
 
 
 @kernel()
 def transform_stages(
-    stage, cells, phi, history, boxes, terms, interaction, columns, frames, stencil, scheme,
-    cosines, limits, found, measured, surveys,
+    stage, cells, phi, history, boxes, terms, interaction, columns, frames, stretches, blocks,
+    spans, stencil, scheme, limits, measured, surveys, found, cosines,
 ):  # fmt: skip
     """What `step_transform` does, up to a stage.
 
-    They are 1 load, 2 gather, 3 force with what is kept of it, 4 transform, 5 accept.
+    They are 1 load, 2 gather, 3 force, 4 transform, 5 accept.
     """
     for k in range(cells.shape[0]):
         i = cells[k]
-        clear(i, boxes, True, frames[PHI])
-        load(i, phi, boxes, True, frames[PHI])
-        load(i, history, boxes, True, frames[HISTORY])
+        n = list_blocks(i, boxes, True, blocks)
+        clear(i, boxes, frames[PHI])
+        load(phi, boxes.start[i], blocks, n, frames[PHI])
         if stage >= 2:
             gather(
-                i, boxes, True, interaction, columns, None, None, frames[PHI], frames[RHS],
-                frames[PSI],
+                i, boxes, True, interaction, columns, None, None, frames[PHI], stretches[R],
+                frames[PSI], spans,
             )  # fmt: skip
             mirror(i, boxes, frames[PHI])
         if stage >= 3:
             right_hand_side(
-                i, boxes, True, terms, terms.drift, frames[PHI], frames[PSI], frames[RHS],
-                frames[HISTORY], None, stencil, scheme, limits.half, True,
+                i, boxes, blocks, n, terms, terms.drift, frames[PHI], frames[PSI], stretches[R],
+                history, stretches[RHS], stretches[MEMORY], None, stencil, scheme, limits.half,
+                True,
             )  # fmt: skip
-            unload(i, frames[RHS], boxes, frames[START])
         if stage >= 4:
             helmholtz_solve(
-                frames[START], frames[PSI], frames[PHI],
+                stretches[RHS], frames[PSI], frames[PHI],
                 boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2],
                 cosines, scheme.lhs, terms.gamma[i],
             )  # fmt: skip
         if stage >= 5:
-            accept_box(i, phi, frames[START], boxes, limits, found, measured, surveys)
-            keep_history(i, history, boxes, frames[HISTORY])
+            accept_box(i, phi, stretches[RHS], boxes, limits, found, measured, surveys)
+            keep_history(i, history, boxes, stretches[MEMORY])
 
 
 @kernel()
@@ -224,34 +238,34 @@ def accumulate_again(lists, phi, boxes, interaction, columns, repeats):
 
 
 @kernel()
-def count_points(boxes, whole, columns, out):
+def count_points(boxes, whole, columns, spans, out):
     """Points (N, N_COUNTED) that the kernels' loops run over."""
     for i in range(boxes.start.shape[0]):
-        sx, sy = strides(i, boxes)
         nx, ny, nz = boxes.shape[i, 0], boxes.shape[i, 1], boxes.shape[i, 2]
         ox, oy = boxes.origin[i, 0], boxes.origin[i, 1]
         columns_y = ((oy + ny + HALO - 1) >> SHIFT) - ((oy - HALO) >> SHIFT) + 1
+        list_spans(i, boxes, True, spans)
+        reach(i, boxes, spans)
         for x in range(-HALO, nx + HALO):
-            low, high = reach(x, i, boxes, whole)
-            out[i, REACH] += (high - low) * sy
-            inside = 0 <= x < nx
-            if inside:
-                y0, y1 = band_rows(x, i, boxes, whole)
-                first, last = run(x, i, boxes, whole, sx, sy)
-                out[i, LISTED] += max(y1 - y0, 0) * nz
-                out[i, WIDE] += max(y1 - y0, 0) * sy
-                out[i, RUN] += last - first if last > first else 0
             column = columns.cover_start[i]
             column += (((ox + x) >> SHIFT) - ((ox - HALO) >> SHIFT)) * columns_y
-            for y in range(low, high):
+            for y in range(-HALO, ny + HALO):
+                k = listed(x, y, ny)
+                read = max(np.int64(spans[NEW_HIGH, k]) - np.int64(spans[NEW_LOW, k]), 0)
+                in_band = own = 0
+                if 0 <= x < nx and 0 <= y < ny:
+                    low, high = row_span(x, y, i, boxes)
+                    in_band = own = max(high - low, 0)
+                if whole:
+                    read, own = nz + 2 * HALO, nz if 0 <= x < nx and 0 <= y < ny else 0
+                out[i, IN_BAND] += own
+                out[i, WORKED] += BLOCK * n_blocks(0, own)
+                out[i, REACH] += read
                 place = columns.cover[column + ((oy + y) >> SHIFT) - ((oy - HALO) >> SHIFT)]
                 if place[0] >= 0:
-                    out[i, PULLED] += sy
-                    if inside:
-                        w0, w1 = band_rows(x, i, boxes, whole)
-                        b0, b1 = band_rows(x, i, boxes, False)
-                        out[i, REPELLED] += sy if w0 <= y < w1 else 0
-                        out[i, ADDED] += nz if b0 <= y < b1 else 0
+                    out[i, ADDED] += in_band
+                    out[i, REPELLED] += own
+                    out[i, PULLED] += read
 
 
 @dataclass(frozen=True)
@@ -263,7 +277,7 @@ class Work:
     pools: float
     """Values read from or written to pools and columns."""
     frames: float
-    """Values read from or written to frames, and sums that stay in the cache."""
+    """Values read from or written to work arrays, and sums that stay in the cache."""
 
 
 class Profile:
@@ -289,12 +303,15 @@ class Profile:
             Scheme(self._scheme.lhs, self._scheme.lhs, zero, zero, zero, one, zero),
         )  # lhs φⁿ⁺¹ = lhs φⁿ, whatever the force
         pool = state.pool
-        self._arrays = pool.phi, pool.history, pool.band, pool.surveys, pool.lost
+        self._arrays = (
+            pool.phi, pool.history, pool.surveys, pool.low, pool.high, pool.place, pool.lost,
+        )  # fmt: skip
         self._saved = [array.copy() for array in self._arrays]
         self._points = np.zeros((cells, N_COUNTED), np.int64)
-        count_points(pool.boxes, solver == "dct", columns, self._points)
-        run_points = self._points[:, RUN]
-        self._middle = int(np.argmin(abs(run_points - run_points.mean())))
+        spans = state.workspace.room.spans[0]
+        count_points(pool.boxes, solver == "dct", columns, spans, self._points)
+        worked = self._points[:, WORKED]
+        self._middle = int(np.argmin(abs(worked - worked.mean())))
         self._check()
 
     def _check(self) -> None:
@@ -321,17 +338,17 @@ class Profile:
         self._do(stage, np.full(times, self._middle, np.int64), *self._still)
 
     def _do(self, stage: int, cells: np.ndarray, terms: CellTerms, scheme: Scheme) -> None:
-        state, space = self._state, self._state.workspace
+        state, space = self._state, self._state.workspace.room
         pool, coupling = state.pool, state.coupling
         common = (
             stage, cells, pool.phi, pool.history, pool.boxes, terms, coupling.interaction,
-            coupling.columns, space.frames[0], state.stencil, scheme,
+            coupling.columns, space.frames[0], space.stretches[0], space.blocks[0], space.spans[0],
+            state.stencil, scheme, state.limits, space.measured[0], pool.surveys,
         )  # fmt: skip
-        survey = state.limits, space.found[0], space.measured[0], pool.surveys
         if self.solver == "band":
-            band_stages(*common, *survey, pool.lost)
+            band_stages(*common, pool.room, pool.lost)
         else:
-            transform_stages(*common, self.engine.solver.tables.arrays, *survey)
+            transform_stages(*common, space.found[0], self.engine.solver.tables.arrays)
 
     def _accumulate(self) -> None:
         self._state.coupling.accumulate(self._state.pool, self._state.schedule)
@@ -349,7 +366,7 @@ class Profile:
         """State and columns of one cell in the cache; without history it stays as it is."""
         self._ready_all()
         pool = self._state.pool
-        pool.box(self._middle, pool.history)[:] = 0
+        pool.history[pool.stretch(self._middle)] = 0
         self._do_one(len(self.phases), 3)
 
     def _ready_sums(self) -> None:
@@ -398,60 +415,62 @@ class Profile:
             "solver": self.solver,
             "of the box": float(self._state.pool.sizes().mean()),
             "active": self.active,
-            "of rows": float(mean[LISTED]),
-            "of runs": float(mean[RUN]),
+            "of the band, or box": float(mean[IN_BAND]),
+            "of blocks": float(mean[WORKED]),
             "that stencils read": float(mean[REACH]),
             "added to columns": float(mean[ADDED]),
-            "active of runs, %": 100 * self.active / float(mean[RUN]),
+            "active of blocks, %": 100 * self.active / float(mean[WORKED]),
         }
 
     @property
-    def frames(self) -> np.ndarray:
-        """Padded work arrays of the only thread."""
-        return self._state.workspace.frames
+    def frames(self) -> int:
+        """Bytes of the padded work arrays, and of the others, of the only thread."""
+        room = self._state.workspace.room
+        return room.frames.nbytes + room.stretches.nbytes
 
     @property
     def active(self) -> float:
         """Points per cell with |φ| beyond the tolerance."""
-        return float(self._saved[3][:, BAND].mean())
+        return float(self._saved[2][:, BAND].mean())
 
     def work(self) -> dict[str, Work]:
         """What each phase does per cell; see the kernels that `band_stages` calls."""
         engine = self.engine
         mean = self._points.mean(axis=0).tolist()
-        listed, wide, reached, run_, added, repelled, pulled = mean
+        held, worked, reached, added, repelled, pulled = mean
         columns = 2.0 * ROWS * float(self._state.coupling.lists.length.sum()) / len(engine)
         box = float(self._state.pool.sizes().mean())
         if self.solver == "band":
             count = int(self._terms.n_iterations[0])
             own = {
-                # Writes: φ's frame cleared and filled, that of H filled, that of the start cleared.
-                "load": Work(listed, 0, 2 * listed, 2 * reached + 2 * wide),
+                # Fills φ's frame, and wipes it and that of the start.
+                "load": Work(worked, 0, held, 3 * held),
                 # Reads φ, R, H, ψ; writes H, the right-hand side and the start.
                 "force": Work(
-                    run_, (RIGHT_HAND_SIDE + START_OF_ITERATIONS) * run_, 0, 2 * reached + 5 * run_
+                    worked, (RIGHT_HAND_SIDE + START_OF_ITERATIONS) * worked, held,
+                    2 * reached + 4 * held,
                 ),
                 # Each reads u and the right-hand side, and writes u.
                 "iterations": Work(
-                    count * run_, ITERATION * count * run_, 0, count * (reached + 2 * run_)
+                    count * worked, ITERATION * count * worked, 0, count * (reached + 2 * held)
                 ),
                 # Reads φ twice and H; writes both pools.
-                "accept": Work(listed, SURVEY * listed, 2 * listed, 3 * listed),
-            }
+                "accept": Work(held, SURVEY * held, 2 * held, 3 * held),
+            }  # fmt: skip
         else:
             sizes = self._state.pool.shape.sum(axis=1)
             framed = float((self._state.pool.shape + 2 * HALO).prod(axis=1).mean())
             products = float((4 * self._state.pool.sizes() * sizes).mean())
             own = {
-                # Writes φ's frame, halos with it, and that of H.
-                "load": Work(box, 0, 2 * box, framed + wide),
-                # Reads φ, R, H, ψ; writes H and the right-hand side; then moves H from frame to
-                # pool and the right-hand side from frame to frame.
-                "force": Work(run_, RIGHT_HAND_SIDE * run_, box, 2 * reached + 4 * run_ + 3 * box),
+                # Clears φ's frame, and fills it.
+                "load": Work(worked, 0, box, framed + box),
+                # Reads φ, R, H, ψ; writes H and the right-hand side.
+                "force": Work(worked, RIGHT_HAND_SIDE * worked, box, 2 * reached + 3 * box),
                 # Six products and a division, each reads and writes; two copies into blocks, which
                 # stay in the innermost cache.
                 "transform": Work(box, products + DIVIDE * box, 0, (6 * 2 + 2 + 2) * box),
-                "accept": Work(box, SURVEY * box, box, 2 * box),
+                # Reads φ twice and H; writes both pools.
+                "accept": Work(box, SURVEY * box, 2 * box, 3 * box),
             }
         both = {
             # Reads φ from the pool and writes the columns, once; adds to two sums in the cache.
@@ -459,7 +478,7 @@ class Profile:
             # Reads two sums and φ for each; writes R and ψ.
             "gather": Work(
                 reached, READ * (repelled + pulled), repelled + pulled,
-                repelled + wide + pulled + reached,
+                repelled + held + pulled + reached,
             ),
         }  # fmt: skip
         work = both | own
@@ -524,7 +543,7 @@ def conclusion(rows: list[dict], points: Mapping[str, Any]) -> str:
         f"takes {step['us']:.0f}: {step['of limit, %']:.0f} % of the limit is reached. Between "
         f"them stand, in us, {', '.join(parts)}, and {round(outside)} outside of the phases. Of "
         f"this, having all cells' state outside of the cache costs {round(away)}. "
-        f"{points['active of runs, %']:.0f} % of the points of the runs are active."
+        f"{points['active of blocks, %']:.0f} % of the points of the blocks are active."
     )
 
 
@@ -581,15 +600,15 @@ def copy_speed(size: int, rounds: int, threads: int = 1) -> float:
 def limits(profiles: Mapping[str, Profile], rounds: int) -> dict[str, float]:
     """What the machine can do."""
     found = {"peak, GFlop/s": peak(rounds)}
-    frames = max(profile.frames.nbytes for profile in profiles.values())
+    frames = max(profile.frames for profile in profiles.values())
     found["frames, MB"] = 1e-6 * frames
     found["copy, frames, GB/s"] = copy_speed(frames // 2, rounds)
     for solver, profile in profiles.items():
-        pools = profile.engine.nbytes - profile.frames.nbytes
+        pools = profile.engine.nbytes - profile.frames
         found[f"{solver} pools, MB"] = 1e-6 * pools
         found[f"copy, {solver} pools, GB/s"] = copy_speed(pools // 2, rounds)
-    found["copy, memory, GB/s"] = copy_speed(MEMORY, rounds)
-    found["copy, memory, 2 threads, GB/s"] = copy_speed(MEMORY, rounds, 2)
+    found["copy, memory, GB/s"] = copy_speed(LARGE, rounds)
+    found["copy, memory, 2 threads, GB/s"] = copy_speed(LARGE, rounds, 2)
     return found
 
 

@@ -45,7 +45,7 @@ def add_points(phi, source, count, g, repulsion, target, potential, target_poten
     """Add g φ² and φ of so many points."""
     for k in range(np.uint64(max(count, 0))):
         value = phi[np.uint64(source) + k]
-        repulsion[np.uint64(target) + k] += g * value * value
+        repulsion[np.uint64(target) + k] += value * value * g  # as in `rows.add_ends`
         if potential is not None:
             potential[np.uint64(target_potential) + k] += value
 

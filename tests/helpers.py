@@ -8,10 +8,13 @@ import netCDF4
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from morphosim import Scene, built_in_scene, scene_names
+from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.engine import Engine
 from morphosim.kernels.noise import normal_vectors
+from morphosim.kernels.rows import BLOCK, RIM
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.parameters import Physics
 
@@ -125,6 +128,44 @@ def grid_around(engine: Engine, margin: int) -> tuple[NDArray[np.int64], tuple[i
     high = (engine.pool.origin + engine.pool.shape).max(axis=0) + margin
     shape = high - low
     return low, tuple(int(n) for n in shape + shape % 2)
+
+
+def band_of(pool: BoxPool, i: int) -> NDArray[np.bool_]:
+    """Which points of cell i's box are in its band, whose spans are as they should be."""
+    nx, ny, nz = pool.shape[i].tolist()
+    rows = pool.rows_of(i)
+    low, high, place = (v[rows].astype(int) for v in (pool.low, pool.high, pool.place))
+    length = high - low
+    assert len(length) == nx * ny
+    assert ((low >= 0) & (high <= nz)).all()
+    assert ((length == 0) | (length >= BLOCK)).all()
+    if pool.band_only:
+        np.testing.assert_array_equal(place + low, np.cumsum(length) - length)
+        assert length.sum() <= pool.room[i]
+    else:
+        np.testing.assert_array_equal(place, nz * np.arange(nx * ny))
+    z = np.arange(nz)
+    return ((low[:, None] <= z) & (z < high[:, None])).reshape(nx, ny, nz)
+
+
+def assert_band_alone(pool: BoxPool, i: int) -> None:
+    """What is up to `RIM` steps from the tolerance is in cell i's band, and no other row."""
+    inside = band_of(pool, i)
+    wanted = ndimage.binary_dilation(np.abs(pool.box(i)) > pool.limits.tolerance, iterations=RIM)
+    assert not (wanted & ~inside).any()
+    np.testing.assert_array_equal(wanted.any(axis=2), inside.any(axis=2))
+    assert not inside.all()
+    for values in (pool.phi, pool.history):
+        if values is not None:
+            assert not pool.box(i, values)[~inside].any()
+            np.testing.assert_array_equal(pool.box(i, values)[inside], values[pool.stretch(i)])
+
+
+def index_of(pool: BoxPool, i: int, point: tuple[int, int, int]) -> int:
+    """Where a point of cell i's box is in the pools."""
+    assert not pool.band_only or band_of(pool, i)[point]
+    row = pool.row_start[i] + point[0] * pool.shape[i, 1] + point[1]
+    return int(pool.start[i] + pool.place[row] + point[2])
 
 
 def centroids(engine: Engine) -> NDArray[np.float64]:

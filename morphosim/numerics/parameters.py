@@ -81,7 +81,7 @@ class Numerics:
         that is already in motion with 0.
     solver : {"dct", "band"}
         How the implicit step is solved: exactly, by cosine transforms of each box, or by `sweeps`
-        Chebyshev iterations on the narrow band, the rows where the field is not 0. Not used by
+        Chebyshev iterations on the narrow band, the points where the field is not 0. Not used by
         "euler" and "linearised", which work on the band.
     sweeps : int
         Least number of Chebyshev iterations of the "band" solver; more are taken where fewer would

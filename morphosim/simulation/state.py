@@ -116,7 +116,7 @@ class State(Rules):
 
     @property
     def fields(self) -> Sequence[CellField]:
-        """The cells' fields: views, valid until the next step."""
+        """The cells' fields, each made when it is asked for; valid until the next step."""
         return self.engine.fields
 
     @property
@@ -134,7 +134,7 @@ class State(Rules):
         return self.engine.column(name)
 
     def field(self, cell: str) -> CellField:
-        """Field of one cell: a view, valid until the next step."""
+        """Field of one cell, valid until the next step."""
         return self.engine.field(self._row(cell))
 
     def measured(self) -> Measurement:

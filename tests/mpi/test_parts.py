@@ -106,64 +106,91 @@ def test_columns_under_a_cell_are_those_of_all_ghost_cells() -> None:
         assert tiles(copies, k, i, reach) == tiles(reach, cell, i, reach)
 
 
-def pool_of() -> BoxPool:
-    limits = Limits(*np.array([1e-3, 4.0, 0.5]))
+def pool_of(band_only: bool, dtype: type = np.float64) -> BoxPool:
+    limits = Limits(*np.array([1e-3, 4.0, 0.5], dtype))
     cells = CellTable(COLUMNS)
-    pool = BoxPool(cells, np.float64, limits, "history", False)
+    pool = BoxPool(cells, dtype, limits, "history", band_only)
     axes = np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij")
     distance = np.sqrt(sum((x - 11.5) ** 2 for x in axes))
-    ball = 0.5 * (1 + np.tanh(6 - distance))
+    balls = [(0.5 * (1 + np.tanh(radius - distance))).astype(dtype) for radius in (5, 6)]
     rows = cells.add({"name": ["a", "b"]}, ["", ""])
-    pool.lay(rows, [(np.zeros(3, np.int64), ball), (np.array([30, 2, 3]), ball)])
+    origins = np.zeros(3, np.int64), np.array([30, 2, 3])
+    pool.lay(rows, zip(origins, balls, strict=True))
     return pool
 
 
+def in_whole_box(pool: BoxPool) -> NDArray:
+    """Values of the second cell, which is held as a whole box."""
+    start, shape = pool.start[1], pool.shape[1]
+    return pool.phi[start : start + shape.prod()].reshape(shape)
+
+
+def spans(pool: BoxPool, part: tuple[slice, slice]) -> NDArray[np.int64]:
+    """Points [low, high) of the second cell's rows in a part of its box, x slowest."""
+    rows, shape = pool.rows_of(1), pool.shape[1, :2]
+    ends = [values[rows].reshape(shape)[part].ravel() for values in (pool.low, pool.high)]
+    return np.stack(ends, axis=1).astype(np.int64)
+
+
+def cut(spans: NDArray[np.int64], low: int, high: int) -> NDArray[np.int64]:
+    """Spans within [low, high); those that are empty are at its begin."""
+    inside = np.clip(spans, low, high)
+    return np.where(np.diff(inside, axis=1) > 0, inside, low)
+
+
+@pytest.mark.parametrize("band_only", [False, True])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("way", ["compiled", "python"])
-def test_messages_bring_the_rows_of_the_band(way: str) -> None:
+def test_messages_bring_the_rows_of_the_band(way: str, dtype: type, band_only: bool) -> None:
     kernels = (pack, unpack) if way == "compiled" else (pack.py_func, unpack.py_func)
-    source = pool_of()
-    first, end = source.origin[1] + (0, 1, 4), source.origin[1] + (6, 14, 11)
+    source = pool_of(band_only, dtype)
+    first, end = source.origin[1] + (0, 1, 1), source.origin[1] + (5, 14, 8)
     part = Portion(np.array([1]), *(v[None] for v in (first, end - first, first, end)))
     room = np.zeros(size_of(part, source.dtype), np.uint8)
     sent = Parcel(part, np.array([1]), source.origin[[1]], room, source.dtype)
     count = kernels[0](
         sent.places, sent.low, sent.high, source.phi, source.boxes, sent.rows, sent.values
     )
-    goal = pool_of()
+    goal = pool_of(band_only, dtype)
     goal.arrange(np.array([0]), np.array([0]), np.stack([goal.origin[0], first]),
                  np.stack([goal.shape[0], end - first]))  # fmt: skip
     got = Parcel(part, np.array([1]), first[None], room.copy(), goal.dtype)
     kernels[1](got.places, got.low, got.high, goal.phi, goal.boxes, got.rows, got.values)
-    rows = goal.band[goal.plane_start[1] : goal.plane_start[1] + 6]
-    band = source.band[source.plane_start[1] : source.plane_start[1] + 6]
-    np.testing.assert_array_equal(rows, np.clip(band, 1, 14) - 1)
-    inside = (np.arange(13) >= rows[:, :1]) & (np.arange(13) < rows[:, 1:])
+    rows = spans(goal, (slice(None), slice(None)))
+    expected = cut(spans(source, (slice(0, 5), slice(1, 14))), 1, 8) - 1
+    np.testing.assert_array_equal(rows, expected)
+    z = np.arange(7)
+    inside = ((z >= rows[:, :1]) & (z < rows[:, 1:])).reshape(5, 13, 7)
     assert 0 < inside.sum() < inside.size
-    assert count == 7 * inside.sum()
-    expected = source.box(1)[0:6, 1:14, 4:11] * inside[:, :, None]
-    np.testing.assert_array_equal(goal.box(1), expected)
+    lengths = np.diff(rows, axis=1)
+    assert ((lengths > 0) & (lengths < 7)).any() == band_only
+    assert count == inside.sum()
+    box = source.box(1)[0:5, 1:14, 1:8]
+    assert np.abs(box * inside).max() > 0.01
+    np.testing.assert_array_equal(in_whole_box(goal), box * inside)
 
 
-def test_a_message_may_be_of_a_part_of_the_box_that_takes_it() -> None:
-    source, goal = pool_of(), pool_of()
-    goal.box(1)[:] = 0
-    low, high = np.array([[1, 3, 4]]), np.array([[6, 14, 11]])
-    rows, values = np.zeros((5, 2), np.int32), np.zeros(5 * 11 * 7)
+@pytest.mark.parametrize("band_only", [False, True])
+def test_a_message_may_be_of_a_part_of_the_box_that_takes_it(band_only: bool) -> None:
+    source, goal = pool_of(band_only), pool_of(band_only)
+    goal.arrange(np.array([0]), np.array([0]), goal.origin.copy(), goal.shape.copy())
+    low, high = np.array([[1, 3, 1]]), np.array([[6, 14, 8]])
+    rows, values = np.zeros((5 * 11, 2), np.int16), np.zeros(5 * 11 * 7)
     cells = np.array([1])
     pack(cells, low, high, source.phi, source.boxes, rows, values)
     unpack(cells, low, high, goal.phi, goal.boxes, rows, values)
-    first = source.plane_start[1]
-    sent, got = (pool.band[first + 1 : first + 6] for pool in (source, goal))
-    np.testing.assert_array_equal(got, np.clip(sent, 3, 14))
-    part = (slice(1, 6), slice(3, 14), slice(4, 11))
-    inside = (np.arange(3, 14) >= got[:, :1]) & (np.arange(3, 14) < got[:, 1:])
+    sent, got = (spans(pool, (slice(1, 6), slice(3, 14))) for pool in (source, goal))
+    np.testing.assert_array_equal(got, cut(sent, 1, 8))
+    part, z = (slice(1, 6), slice(3, 14), slice(1, 8)), np.arange(1, 8)
+    inside = ((z >= got[:, :1]) & (z < got[:, 1:])).reshape(5, 11, 7)
     expected = np.zeros_like(source.box(1))
-    expected[part] = source.box(1)[part] * inside[:, :, None]
-    np.testing.assert_array_equal(goal.box(1), expected)
+    expected[part] = source.box(1)[part] * inside
+    np.testing.assert_array_equal(in_whole_box(goal), expected)
 
 
-def test_arrange_keeps_fields_and_empties_new_boxes() -> None:
-    pool = pool_of()
+@pytest.mark.parametrize("band_only", [False, True])
+def test_arrange_keeps_fields_and_empties_new_boxes(band_only: bool) -> None:
+    pool = pool_of(band_only)
     field, origin, shape = pool.box(1).copy(), pool.origin[1].copy(), pool.shape[1].copy()
     pool.lost[1] = 7.0
     pool.arrange(np.array([1]), np.array([2]), np.stack([origin] * 3), np.stack([shape] * 3))
@@ -173,10 +200,12 @@ def test_arrange_keeps_fields_and_empties_new_boxes() -> None:
     assert not pool.box(1).any()
 
 
-def test_states_are_put_together_as_they_were() -> None:
-    pool = pool_of()
+@pytest.mark.parametrize("band_only", [False, True])
+def test_states_are_put_together_as_they_were(band_only: bool) -> None:
+    pool = pool_of(band_only)
     columns = pool.cells.select(np.arange(2), [c.name for c in COLUMNS if c.saved])
     state = pool.contents() | columns | {"face_peak": np.array([0.1, 0.2])}
+    assert len(set(state["points"].tolist())) == 2
     parts = [contents.select(state, np.array([i])) for i in (1, 0)]
     merged = contents.merge([*parts, {"rows": np.zeros(0, np.int64)}])
     assert merged.keys() == state.keys()
