@@ -17,11 +17,11 @@ from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
 from morphosim import kernels
-from morphosim.kernels.boxes import N_SURVEYED
+from morphosim.kernels.boxes import GUARD, N_SURVEYED
 from morphosim.kernels.frames import HALO, LEAD, frame_size, strides
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import Boxes, Room, Stencil
-from morphosim.kernels.rows import BLOCK, N_SPANS, list_blocks, n_listed
+from morphosim.kernels.rows import BLOCK, N_SPANS, RIM, list_blocks, n_listed
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.kernels.step import N_FRAMES, N_STRETCHES
 
@@ -318,10 +318,11 @@ def room_for(boxes: Boxes, cells: Any, threads: int, whole: bool, dtype: type) -
     if not whole:
         frames[:, [0, 2, 3]] = 0
     stretches = max(stretch(in_band(boxes, i), boxes, i).size for i in cells)
+    blocks = (shape[:, 0] * shape[:, 1] * -(-shape[:, 2] // BLOCK)).max()
     return Room(
         frames=frames,
         stretches=np.full((threads, N_STRETCHES, stretches), np.nan, dtype),
-        blocks=np.full((threads, 2, max(blocks_of(boxes, i, whole)[1] for i in cells)), -5, "i4"),
+        blocks=np.full((threads, 2, blocks), -5, np.int32),
         spans=np.full(
             (threads, N_SPANS, n_listed.py_func(shape[:, 0], shape[:, 1]).max()), -99, np.int16
         ),
@@ -334,14 +335,17 @@ def room_for(boxes: Boxes, cells: Any, threads: int, whole: bool, dtype: type) -
 
 
 def expected_band(
-    field: NDArray, tolerance: float, whole: bool = False, guard: int = 1
+    field: NDArray, tolerance: float, whole: bool = False, guard: int | None = None
 ) -> NDArray[np.int64]:
     """Points [low, high) of each row that are to be in the band of a field, (nx, ny, 2).
 
-    `guard` more than those beyond the tolerance, and what lies between; at least a block. Of boxes
-    that are held `whole`, all points of the rows from the first to the last of each plane.
+    All up to `guard` lattice steps from those beyond the tolerance, and what lies between; at least
+    a block. Of boxes that are held `whole`, all points of the rows from the first to the last of
+    each plane.
     """
     nz = field.shape[2]
+    if guard is None:
+        guard = GUARD if whole else RIM
     beyond = np.abs(field) > tolerance
     if whole:
         rows = hull(widened(beyond.any(axis=2)[..., None], guard, axis=1)[..., 0], axis=1)
@@ -357,7 +361,7 @@ def expected_band(
 
 
 def widened(points: NDArray, guard: int, axis: int) -> NDArray[np.bool_]:
-    """Hulls along an axis, and `guard` more on each side along all axes that are."""
+    """Hulls along an axis of all points up to `guard` lattice steps from these."""
     for _ in range(guard):
         wide = np.pad(hull(points, axis), 1)
         points = np.logical_or.reduce(

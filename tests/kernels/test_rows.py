@@ -33,6 +33,7 @@ from morphosim.kernels.rows import (
     row_place,
     row_span,
     settle_rows,
+    stay,
     whole_rows,
     widen,
     wipe,
@@ -118,10 +119,10 @@ def test_listed_blocks_are_those_of_the_band_or_of_the_box(whole: bool, way: str
     for i in CELLS:
         worked = in_band(boxes, i, whole)
         expected = -(-worked.sum(axis=2) // BLOCK)
-        blocks = np.full((2, expected.sum() + 2), -5, np.int32)
-        n = taken(list_blocks, way)(i, boxes, whole, blocks)
+        blocks = np.full((2, -(-worked.shape[2] // BLOCK) * worked[..., 0].size + 2), -5, np.int32)
+        n = taken(list_blocks, way)(i, boxes, whole, blocks[:, :-2])
         assert n == expected.sum()
-        assert (blocks[:, n:] == -5).all()
+        assert (blocks[:, -2:] == -5).all()
         frame = inside(np.arange(len(empty_frame(boxes, i))), boxes, i)
         for kind, place in ((FRAME, frame), (STRETCH, number(boxes, i) - boxes.start[i])):
             found = blocks[kind, :n, None] + np.arange(BLOCK)
@@ -357,43 +358,73 @@ def test_covered_points_have_all_their_neighbours_in_the_band(way: str) -> None:
 
 
 @both_ways
-@pytest.mark.parametrize("guard", [0, 1])
-def test_bands_widen_over_the_points_and_rows_beside(guard: int, way: str) -> None:
-    """By `guard` points along x, y and z, within the box, and to no less than a block."""
+def test_bands_widen_over_the_points_and_rows_beside(way: str) -> None:
+    """By two lattice steps in all, within the box, and to no less than a block."""
     rng = np.random.default_rng(42)
     for trial in range(25):
         nx, ny, nz = rng.integers([1, 1, BLOCK], [8, 8, 40])
         boxes, _ = lay_out([(0, 0, 0)], [(nx, ny, nz)])
         field = (rng.random((nx, ny, nz)) < rng.choice([0.003, 0.05, 0.5])).astype(float)
         field[rng.random((nx, ny)) < 0.5] = 0
-        spans = guarded(boxes, 0)
-        list_spans(0, boxes, False, spans)
-        spans[LOW, :-3], spans[HIGH, :-3] = nz, 0
-        for (x, y), ends in zip(np.ndindex(nx, ny), ends_of(field > 0).reshape(-1, 2), strict=True):
-            if ends[1]:
-                k = listed(x, y, ny)
-                spans[LOW, k], spans[HIGH, k] = ends
-        count = taken(widen, way)(0, boxes, guard, spans)
-        expected = expected_band(field, 0.5, guard=guard)
-        found = np.stack([in_list(spans[k], boxes, 0) for k in (NEW_LOW, NEW_HIGH)], axis=-1)
-        np.testing.assert_array_equal(found, expected, err_msg=str(trial))
+        spans = found_in(boxes, ends_of(field > 0))
+        count = taken(widen, way)(0, boxes, spans)
+        expected = expected_band(field, 0.5)
+        np.testing.assert_array_equal(new_band(spans, boxes), expected, err_msg=str(trial))
         assert count == mask_of(expected, nz).sum()
         assert (spans[:, -3:] == 555).all()
 
 
+def found_in(boxes: Boxes, ends: NDArray) -> NDArray[np.int16]:
+    """A thread's lists in which LOW and HIGH are these, and nothing else is sensible."""
+    spans = guarded(boxes, 0)
+    spans[LOW, :-3], spans[HIGH, :-3] = boxes.shape[0, 2], 0
+    for x, y in np.argwhere(ends[..., 1]):
+        spans[[LOW, HIGH], listed(x, y, boxes.shape[0, 1])] = ends[x, y]
+    return spans
+
+
+def new_band(spans: NDArray, boxes: Boxes, i: int = 0) -> NDArray[np.int64]:
+    """NEW_LOW and NEW_HIGH of the rows of the box."""
+    return np.stack([in_list(spans[k], boxes, i) for k in (NEW_LOW, NEW_HIGH)], axis=-1)
+
+
 @both_ways
 def test_widen_by_hand(way: str) -> None:
-    boxes, _ = lay_out([(0, 0, 0)], [(2, 3, 40)])
-    spans = guarded(boxes, 0)
-    list_spans(0, boxes, False, spans)
-    spans[LOW, :-3], spans[HIGH, :-3] = 40, 0
-    spans[LOW, listed(0, 1, 3)], spans[HIGH, listed(0, 1, 3)] = 10, 30
-    spans[LOW, listed(1, 2, 3)], spans[HIGH, listed(1, 2, 3)] = 39, 40
-    count = taken(widen, way)(0, boxes, 1, spans)
-    found = np.stack([in_list(spans[k], boxes, 0) for k in (NEW_LOW, NEW_HIGH)], axis=-1)
-    expected = [[(10, 30), (9, 31), (10, 40)], [(0, 0), (10, 40), (24, 40)]]
-    np.testing.assert_array_equal(found, expected)
-    assert count == 20 + 22 + 30 + 30 + 16
+    boxes, _ = lay_out([(0, 0, 0)], [(2, 5, 40)])
+    ends = np.zeros((2, 5, 2), int)
+    ends[0, 0], ends[1, 4] = (10, 30), (39, 40)
+    spans = found_in(boxes, ends)
+    count = taken(widen, way)(0, boxes, spans)
+    top = (24, 40)
+    expected = [
+        [(8, 32), (9, 31), (10, 30), top, top],
+        [(9, 31), (10, 30), top, top, top],
+    ]
+    np.testing.assert_array_equal(new_band(spans, boxes), expected)
+    assert count == 24 + 22 + 20 + 16 + 16 + 22 + 20 + 3 * 16
+
+
+@both_ways
+def test_short_spans_are_filled_up_on_both_sides(way: str) -> None:
+    boxes, _ = lay_out([(0, 0, 0)], [(1, 1, 40)])
+    for (low, high), expected in (
+        ((20, 21), (13, 29)), ((20, 22), (13, 29)), ((3, 4), (0, 16)), ((36, 37), (24, 40)),
+        ((20, 32), (18, 34)),
+    ):  # fmt: skip
+        spans = found_in(boxes, np.array([[[low, high]]]))
+        assert taken(widen, way)(0, boxes, spans) == BLOCK
+        np.testing.assert_array_equal(new_band(spans, boxes), [[expected]])
+
+
+@both_ways
+def test_a_band_may_stay(way: str) -> None:
+    boxes, _ = make_boxes(seed=40)
+    for i in CELLS:
+        spans = guarded(boxes, i)
+        list_spans(i, boxes, False, spans)
+        taken(stay, way)(i, boxes, spans)
+        np.testing.assert_array_equal(new_band(spans, boxes, i), band_of(boxes, i))
+        assert (spans[:, -3:] == 555).all()
 
 
 @both_ways

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from morphosim.cell_table import CellTable
 from morphosim.engine.box_pool import COLUMNS, MOST_FREE, BoxPool, Slots
-from morphosim.kernels.boxes import TOTAL
+from morphosim.kernels.boxes import N_SURVEYED, TOTAL
 from morphosim.kernels.layout import Limits
+from morphosim.kernels.rows import BLOCK, N_SPANS, n_listed
+from morphosim.kernels.step import accept_band, accept_box, keep_history
 
 TOLERANCE = 1e-2
 SEEDS = st.integers(0, 2**32 - 1)
@@ -19,7 +21,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @dataclass(frozen=True)
 class Expected:
-    """What a cell's box should hold.
+    """What should be held of a cell.
 
     Attributes
     ----------
@@ -70,12 +72,35 @@ def blob(rng: np.random.Generator, shape: NDArray[np.int64]) -> NDArray[np.float
 def stretches_overlap(start: NDArray[np.int64], size: NDArray[np.int64], end: int) -> bool:
     """Whether two stretches of a pool share a place, or one lies beyond its end."""
     order = np.argsort(start)
-    ends = start + [Slots.capacity(int(n)) for n in size]
+    ends = start + size
     return bool((ends[order][:-1] > start[order][1:]).any() or (ends > end).any())
 
 
+def step(pool: BoxPool, i: int, phi: NDArray[np.float64], history: NDArray[np.float64]) -> None:
+    """Give a cell another field, as far as it is held, and survey it: as the end of a step does."""
+    boxes, out = pool.boxes, np.zeros(N_SURVEYED)
+    nx, ny, _ = pool.shape[i]
+    if not pool.band_only:
+        found = np.zeros((nx, 2), np.int32)
+        assert accept_box(i, pool.phi, phi.ravel(), boxes, pool.limits, found, out, pool.surveys)
+        keep_history(i, pool.history, boxes, history.ravel())
+        return
+    spans, there = np.zeros((N_SPANS, n_listed.py_func(nx, ny)), np.int16), in_band(pool, i)
+    accept_band(
+        i, pool.phi, pool.history, phi[there], history[there], boxes, pool.room[i], pool.limits,
+        spans, out, pool.surveys, pool.lost,
+    )  # fmt: skip
+
+
+def in_band(pool: BoxPool, i: int) -> NDArray[np.bool_]:
+    """Which points of a cell's box are in its band."""
+    z, rows = np.arange(pool.shape[i, 2]), pool.rows_of(i)
+    low, high = (ends[rows].reshape(*pool.shape[i, :2], 1) for ends in (pool.low, pool.high))
+    return np.asarray((z >= low) & (z < high))
+
+
 class Pools(RuleBasedStateMachine):
-    """A pool, and beside it what each of its boxes should hold."""
+    """A pool, and beside it what it should hold of each cell."""
 
     @initialize(band_only=st.booleans())
     def begin(self, band_only: bool) -> None:
@@ -107,15 +132,14 @@ class Pools(RuleBasedStateMachine):
             self.change(i, blob(np.random.default_rng(seed), self.pool.shape[i]))
         moving = range(len(self.cells)) if all_move else sorted(chosen)
         self.pool.refit(np.array(moving))
-        idle = self.pool._slots.end - sum(map(Slots.capacity, self.pool.sizes().tolist()))
+        idle = self.pool._slots.end - self.pool.room.sum()
         assert idle <= MOST_FREE * self.pool._slots.end
 
     def change(self, i: int, phi: NDArray[np.float64]) -> None:
-        """Give a cell another field in its box; its history is twice the field."""
-        self.pool.box(i)[:] = phi
-        self.pool.box(i, self.pool.history)[:] = 2 * phi
+        """Give a cell another field on what is held of its box; its history is twice the field."""
+        phi = np.where(in_band(self.pool, i), phi, 0) if self.pool.band_only else phi
         given = phi.sum() + self.pool.lost[i]
-        self.pool.survey(np.array([i]))
+        step(self.pool, i, phi, 2 * phi)
         self.cells[i] = Expected(self.pool.origin[i].copy(), phi, given, 2)
 
     @precondition(lambda self: self.cells)
@@ -140,23 +164,38 @@ class Pools(RuleBasedStateMachine):
 
     @invariant()
     def bands_hold_what_exceeds_the_tolerance(self) -> None:
-        for i, (first, shape) in enumerate(
-            zip(self.pool.plane_start, self.pool.shape, strict=True)
-        ):
-            rows = self.pool.band[first : first + shape[0]]
-            y = np.arange(shape[1])
-            banded = (y >= rows[:, :1]) & (y < rows[:, 1:])
-            assert banded[(np.abs(self.pool.box(i)) > TOLERANCE).any(axis=2)].all()
+        for i in range(len(self.pool)):
+            assert in_band(self.pool, i)[np.abs(self.pool.box(i)) > TOLERANCE].all()
+
+    @invariant()
+    def spans_are_blocks_or_longer(self) -> None:
+        """Or none; all of their rows where the whole boxes are held."""
+        for i, shape in enumerate(self.pool.shape):
+            rows = self.pool.rows_of(i)
+            length = (self.pool.high - self.pool.low)[rows]
+            least = BLOCK if self.pool.band_only else shape[2]
+            assert ((length == 0) | (length >= least)).all()
+            places = self.pool.place[rows] + self.pool.low[rows]
+            expected = np.cumsum(length) - length
+            if not self.pool.band_only:
+                expected = np.arange(len(length)) * shape[2]
+            np.testing.assert_array_equal(places, expected)
 
     @invariant()
     def sizes_are_few(self) -> None:
         assert (self.pool.shape % 2 == 0).all()
+        assert (self.pool.shape >= [8, 8, BLOCK]).all()
 
     @invariant()
     def stretches_do_not_overlap(self) -> None:
         pool = self.pool
-        assert not stretches_overlap(pool.start, pool.sizes(), len(pool.phi))
-        assert not stretches_overlap(pool.plane_start, pool.shape[:, 0], len(pool.band))
+        assert not stretches_overlap(pool.start, pool.room, len(pool.phi))
+        assert len(pool.history) == len(pool.phi)
+        for i in range(len(pool)):
+            assert pool.stretch(i).stop <= pool.start[i] + pool.room[i]
+        rows = np.array([Slots.capacity(int(n)) for n in pool.shape[:, :2].prod(axis=1)], np.int64)
+        for values in (pool.low, pool.high, pool.place):
+            assert not stretches_overlap(pool.row_start, rows, len(values))
 
     @invariant()
     def lost_and_kept_are_what_was_given(self) -> None:

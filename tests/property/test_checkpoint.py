@@ -33,7 +33,12 @@ arrays = of_numpy.arrays(
 def cells(count: int) -> dict[str, np.ndarray]:
     """What every state has of its cells."""
     names = np.array([f"cell {k}" for k in range(count)], "U8")
-    return {"name": names, "shape": np.ones((count, 3), int), "phi": np.zeros(count)}
+    high = np.arange(count, dtype=np.int16) % 2  # of boxes of one point, which the band has or not
+    return {
+        "name": names, "shape": np.ones((count, 3), int), "room": np.full(count, 64),
+        "points": high.astype(int), "low": np.zeros(count, np.int16), "high": high,
+        "phi": np.zeros(high.sum()),
+    }  # fmt: skip
 
 
 def checkpoints(back: st.SearchStrategy[Checkpoint | None]) -> st.SearchStrategy[Checkpoint]:
