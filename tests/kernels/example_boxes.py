@@ -303,7 +303,7 @@ def blocks_of(boxes: Boxes, i: int, whole: bool = False) -> tuple[NDArray[np.int
 
 def empty_spans(boxes: Boxes, i: int) -> NDArray[np.int16]:
     """A thread's `spans` for cell i, with nothing sensible in it."""
-    return np.full((N_SPANS, n_listed.py_func(*boxes.shape[i, :2])), -99, np.int16)
+    return np.full((N_SPANS, n_listed(*boxes.shape[i, :2])), -99, np.int16)
 
 
 def room_for(boxes: Boxes, cells: Any, threads: int, whole: bool, dtype: type) -> Room:
@@ -318,14 +318,13 @@ def room_for(boxes: Boxes, cells: Any, threads: int, whole: bool, dtype: type) -
     if not whole:
         frames[:, [0, 2, 3]] = 0
     stretches = max(stretch(in_band(boxes, i), boxes, i).size for i in cells)
+    spans = max(n_listed(nx, ny) for nx, ny, _ in shape)
     blocks = (shape[:, 0] * shape[:, 1] * -(-shape[:, 2] // BLOCK)).max()
     return Room(
         frames=frames,
         stretches=np.full((threads, N_STRETCHES, stretches), np.nan, dtype),
         blocks=np.full((threads, 2, blocks), -5, np.int32),
-        spans=np.full(
-            (threads, N_SPANS, n_listed.py_func(shape[:, 0], shape[:, 1]).max()), -99, np.int16
-        ),
+        spans=np.full((threads, N_SPANS, spans), -99, np.int16),
         found=np.full((threads, shape[:, 0].max(), 2), -5, np.int32),
         measured=np.full((threads, N_SURVEYED), np.nan),
     )

@@ -269,7 +269,7 @@ def test_to_both_ends_of_a_span_is_added_once(last: int, power: int, dtype: type
 def in_list(values: NDArray, boxes: Boxes, i: int, halo: int = 0) -> NDArray[np.int64]:
     """Rows of cell i's box, and of a halo around it, in a list of a thread."""
     nx, ny = boxes.shape[i, :2]
-    planes = values[: n_listed.py_func(nx, ny)].reshape(nx + 2 * MARGIN, ny + 2 * HALO)
+    planes = values[: n_listed(nx, ny)].reshape(nx + 2 * MARGIN, ny + 2 * HALO)
     x, y = slice(MARGIN - halo, MARGIN + nx + halo), slice(HALO - halo, HALO + ny + halo)
     return planes[x, y].astype(np.int64)
 
