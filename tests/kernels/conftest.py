@@ -13,6 +13,7 @@ NEED_COMPILATION = {
     "test_frame_shapes_are_those_of_the_frames": "asks compiled kernels for their Python functions",
     "test_normal_vectors_in_python_are_the_compiled_ones": "compares with the compiled kernel",
     "test_iterations_and_transforms_agree": "takes a minute in plain Python",
+    "test_of_processes_that_need_the_same_kernel_one_compiles": "there is nothing to compile",
     "test_many_pieces_are_taken_by_more_than_one_thread": "there is one thread in plain Python",
 }
 

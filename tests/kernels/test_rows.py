@@ -23,6 +23,7 @@ from morphosim.kernels.rows import (
     block,
     copy_span,
     covered,
+    fetch,
     list_blocks,
     list_spans,
     listed,
@@ -185,6 +186,12 @@ def add(target, goal, last, b, y, at_y, power):
     add_ends(target, goal, last, b, y, at_y, power)
 
 
+@kernel()
+def ask_for(values, first):
+    """Call `fetch` in compiled code."""
+    fetch(values, first)
+
+
 def one_of(compiled: object, plain: object, way: str) -> object:
     """The function in compiled code, or as it is without compilation."""
     return compiled if way == "compiled" else plain
@@ -216,6 +223,14 @@ def test_nan_is_beyond_no_level_and_infinity_is(dtype: type, way: str) -> None:
     assert look(values, np.uint64(0), dtype(0.1)) == (BLOCK, 0)
     values[[5, 9]] = np.inf, -np.inf
     assert look(values, np.uint64(0), dtype(0.1)) == (5, 10)
+
+
+@both_ways
+@pytest.mark.parametrize("first", [0, 99, 100, 10**9, -(10**6)])
+def test_what_is_asked_for_may_lie_beyond_the_array(first: int, way: str) -> None:
+    values = np.arange(100.0)
+    one_of(ask_for, fetch, way)(values, first)
+    np.testing.assert_array_equal(values, np.arange(100))
 
 
 def random_numbers(dtype: type, seed: int = 41) -> list[NDArray]:
