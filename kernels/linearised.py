@@ -38,12 +38,14 @@ from morphosim.kernels.rows import (
     NEW_HIGH,
     NEW_LOW,
     STRETCH,
+    copy_block,
     list_blocks,
     listed,
     load,
     row_number,
     settle_rows,
     wipe,
+    write_block,
 )
 from morphosim.kernels.sharing import offer, turns
 from morphosim.kernels.stencils import weighted_neighbours
@@ -181,12 +183,11 @@ def solve(i, boxes, terms, blocks, n, frames, stretches, stencil, inner, lhs, sp
 @kernel()
 def add_prediction(blocks, n, frame, phi, result, u):
     """Add φ* to u, given in `frame`, and copy u: both into stretches."""
+    one = phi.dtype.type(1)
     for k in range(n):
-        at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
-        for j in range(np.uint64(BLOCK)):
-            value = frame[at + j]
-            result[place + j] = phi[at + j] + value
-            u[place + j] = value
+        at, place = blocks[FRAME, k], blocks[STRETCH, k]
+        write_block(result, place, one, phi, at, one, frame, at, 1)
+        copy_block(frame, at, u, place)
 
 
 @kernel()
