@@ -17,11 +17,11 @@ from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
 from morphosim import kernels
-from morphosim.kernels.boxes import GUARD, N_SURVEYED
+from morphosim.kernels.boxes import N_SURVEYED
 from morphosim.kernels.frames import HALO, LEAD, frame_size, strides
 from morphosim.kernels.helmholtz import COLUMNS
 from morphosim.kernels.layout import Boxes, Room, Stencil
-from morphosim.kernels.rows import BLOCK, N_SPANS, RIM, list_blocks, n_listed
+from morphosim.kernels.rows import BLOCK, N_SPANS, list_blocks, n_listed
 from morphosim.kernels.stencils import COEFFICIENTS, LAPLACIAN_COEFFICIENTS
 from morphosim.kernels.step import N_FRAMES, N_STRETCHES
 
@@ -344,7 +344,7 @@ def expected_band(
     """
     nz = field.shape[2]
     if guard is None:
-        guard = GUARD if whole else RIM
+        guard = 1 if whole else 2
     beyond = np.abs(field) > tolerance
     if whole:
         rows = hull(widened(beyond.any(axis=2)[..., None], guard, axis=1)[..., 0], axis=1)
