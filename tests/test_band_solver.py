@@ -10,7 +10,7 @@ from morphosim import Attraction, BoxWalls, Cell, Numerics, Physics, Scene, Simu
 from morphosim.numerics.chebyshev import chebyshev_roots, largest_eigenvalue
 from morphosim.numerics.schemes import coefficients
 
-from .helpers import EXPECTED_TO_FAIL, advance, assert_band_alone, band_of
+from .helpers import EXPECTED_TO_FAIL, advance, assert_band_alone
 from .test_certificate import STRESSES, TOLERANCES, full_run, measured, start, targets
 from .test_engine_against_reference import TERMS, TOGETHER, check
 
@@ -42,7 +42,7 @@ def test_many_iterations_are_the_scheme_on_the_full_grid(name: str) -> None:
     case = TOGETHER if name == "together" else TERMS[name]
     limits = replace(
         case.limits, first=max(4 * case.limits.first, 2e-5), tenth=max(4 * case.limits.tenth, 2e-4),
-        centroid=max(3 * case.limits.centroid, 0.25), volume=3e-4,
+        centroid=max(3 * case.limits.centroid, 0.1), volume=3e-4,
     )  # fmt: skip
     numerics = case.numerics | {"solver": "band", "sweeps": 12, "laplacian": "stencil"}
     check(replace(case, numerics=numerics, limits=limits, without=()))
@@ -103,7 +103,6 @@ def test_outside_of_the_band_there_is_nothing() -> None:
     assert pool.history is not None
     for i in range(2):
         assert_band_alone(pool, i)
-        assert pool.sizes()[i] > 1.2 * band_of(pool, i).sum()
 
 
 # --- what must not matter ------------------------------------------------------------------------
