@@ -6,7 +6,7 @@ import pytest
 from morphosim.kernels.sharing import shares_of
 from morphosim.kernels.surfaces import corners, cut_cube, surfaces
 
-from .example_boxes import both_precisions, both_ways, taken
+from .example_boxes import both_precisions, both_ways, put, taken
 from .example_fields import (
     FAINT,
     LEVEL,
@@ -34,6 +34,24 @@ def test_area_and_volume(way: str, dtype: type, whole: bool) -> None:
         assert area > 50
         np.testing.assert_allclose(found[i], [area, volume], rtol=1e-10)
     assert (found[FAINT] == 0).all()
+
+
+@both_ways
+def test_the_surface_of_a_cell_that_fills_a_part_of_its_box(way: str) -> None:
+    """What is held beyond the extent is not in the way."""
+    fields, rng = random_fields(1, whole=True), np.random.default_rng(2)
+    for i in range(3):
+        values = rng.uniform(-0.1, 0.1, SHAPES[i])
+        values[1:-1, 1:-1, 2:] = rng.uniform(0.2, 1, values[1:-1, 1:-1, 2:].shape)
+        put(fields.phi, fields, i, values)
+    with_extents(fields)
+    assert (fields.extent[:3, 2, 0] == 2).all()
+    found = np.full((len(SHAPES), 2), 1e30)
+    taken(surfaces, way)(SHARES, fields, LEVEL, make_work(fields, threads=3), found)
+    for i in range(3):
+        expected = list(pieces(fields, i, LEVEL))
+        area, volume = sum(p.area for p in expected), sum(p.volume for p in expected)
+        np.testing.assert_allclose(found[i], [area, volume], rtol=1e-10)
 
 
 @both_ways
