@@ -282,9 +282,9 @@ def gather(
                 if r0 < r1:
                     fetch(columns.repulsion, ahead + r0)
                     fetch(columns.repulsion, ahead + r1)
-                if psi is not None and p0 < p1 and columns.potential is not None:
+                if psi is not None and p0 < p1:
                     fetch(columns.potential, ahead + p0)
-                    fetch(columns.potential, ahead + p0 + 16)
+                    fetch(columns.potential, ahead + p0 + BLOCK)
                     fetch(columns.potential, ahead + p1)
             if r0 < r1:
                 for at in range(r0 + BLOCK, r1 - BLOCK, BLOCK):

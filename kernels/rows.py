@@ -507,9 +507,14 @@ def _fetch(typing_context, values, first):
 
 
 def fetch(values, first):
-    """Ask for the cache line of a value that will be read soon; it may lie beyond the array."""
+    """Ask for the cache line of a value that will be read soon; it may lie beyond the array.
+
+    Where there is no array, nothing is asked for.
+    """
 
 
 @overload(fetch, jit_options={"forceinline": True})
 def _typed_fetch(values, first):
+    if isinstance(values, types.NoneType):
+        return lambda values, first: None
     return lambda values, first: _fetch(values, np.uint64(first))
