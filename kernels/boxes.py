@@ -331,7 +331,7 @@ def find_bands(cells, boxes, on_band, starts, values, limits, surveys):
 def put_boxes(cells, boxes, on_band, starts, values, pool, lost):
     """Put whole boxes into a pool; `lost` (N,) is updated with Σ of what the bands leave out.
 
-    Parameters as for `find_bands`; `lost` may be None.
+    Parameters as for `find_bands`.
     """
     for k in prange(cells.shape[0]):
         i = cells[k]
@@ -347,8 +347,7 @@ def put_boxes(cells, boxes, on_band, starts, values, pool, lost):
                 copy_row(values, np.uint64(source + low), pool, np.uint64(goal + low), high - low)
                 cut += row_total(values, np.uint64(source), low)
                 cut += row_total(values, np.uint64(source + high), nz - high)
-        if lost is not None:
-            lost[i] += cut
+        lost[i] += cut
 
 
 @parallel_kernel()
@@ -363,7 +362,7 @@ def get_boxes(cells, boxes, on_band, pool, shifts, shapes, starts, values, lost)
     pool : 1-D
     shifts, shapes : (n, 3) origins of the new boxes minus those of the old, and their shapes
     starts, values : (n,) first indices of the new boxes in a 1-D array, overwritten there
-    lost : (N,), updated with Σ of what is left outside, or None
+    lost : (N,), updated with Σ of what is left outside
     """
     for k in prange(cells.shape[0]):
         i = cells[k]
@@ -384,8 +383,7 @@ def get_boxes(cells, boxes, on_band, pool, shifts, shapes, starts, values, lost)
                 copy_row(pool, np.uint64(source + z0), values, np.uint64(goal), z1 - z0)
                 outside += row_total(pool, np.uint64(source + low), z0 - low)
                 outside += row_total(pool, np.uint64(source + z1), max(high - z1, 0))
-        if lost is not None:
-            lost[i] += outside
+        lost[i] += outside
 
 
 @parallel_kernel()

@@ -19,7 +19,7 @@ with another δt, for which φ* is laid elsewhere on the same line (`stretch`).
 import numpy as np
 from numba import prange
 
-from morphosim.kernels._jit import choose, entry, kernel, parallel_kernel, times
+from morphosim.kernels._jit import choose, entry, inline_kernel, kernel, parallel_kernel, times
 from morphosim.kernels.boxes import (
     BAD,
     PART,
@@ -143,21 +143,19 @@ def begin_blocks(blocks, n, phi, rhs, slopes, whole, u, sx, sy, l0, l1, l2, l3, 
             u[at + j] = weight * total
 
 
-@kernel()
-def iterate_blocks(
-    blocks, n, u, target, rhs, damping, sx, sy, own, diffusion, weight, stencil
-):  # fmt: skip
-    """One iteration; `own` is 1 - ω (lhs - 3 (γ + s) l0), `diffusion` ω (γ + s)."""
+@inline_kernel()
+def iterate_blocks(blocks, n, u, target, rhs, damping, sx, sy, own, weight, d1, d2, d3):
+    """One iteration; `own` is 1 - ω (lhs - 3 (γ + s) l0), and ω (γ + s) is in `d1` to `d3`."""
     sz = np.uint64(1)
     for k in range(n):
         at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
         for j in range(np.uint64(BLOCK)):
             p, r = at + j, place + j
-            around = weighted_neighbours(u, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
-            target[p] = weight * rhs[r] + (own - weight * damping[r]) * u[p] + diffusion * around
+            around = weighted_neighbours(u, p, sx, sy, sz, d1, d2, d3)
+            target[p] = around + own * u[p] + weight * (rhs[r] - damping[r] * u[p])
 
 
-@kernel()
+@inline_kernel()
 def solve(i, boxes, terms, blocks, n, frames, stretches, stencil, inner, lhs, spread, q, one):
     """U of cell i by Chebyshev iterations; return the frame that holds it."""
     sx, sy = strides(i, boxes)
@@ -174,7 +172,8 @@ def solve(i, boxes, terms, blocks, n, frames, stretches, stencil, inner, lhs, sp
         own = one - weight * lhs + (diffusion + diffusion + diffusion) * inner.l0
         iterate_blocks(
             blocks, n, frames[source], frames[U + V - source], stretches[R], stretches[DAMPING], ux,
-            uy, own, diffusion, weight, inner,
+            uy, own, weight, diffusion * inner.l1, times(diffusion, inner.l2),
+            times(diffusion, inner.l3),
         )  # fmt: skip
         source = U + V - source
     return source
@@ -223,7 +222,7 @@ def keep(i, values, boxes, room, limits, new, low, high, spans, found):
             low[row + y], high[row + y] = spans[NEW_LOW, source + y], spans[NEW_HIGH, source + y]
 
 
-@kernel(overlapping=True)
+@inline_kernel(overlapping=True)
 def try_step(
     i, phi, ahead, boxes, terms, interaction, columns, pairs_start, pair_potential, frames,
     stretches, blocks, spans, sums, stencil, inner, linear, half, changes, use_repulsion, use_psi,

@@ -253,7 +253,7 @@ class BoxPool:
         none = np.zeros((1, 3), np.int64)
         get_boxes(
             np.array([i]), self.boxes, True, values, none, shape, none[0, :1], whole.reshape(-1),
-            None,
+            np.zeros(len(self)),
         )  # fmt: skip
         return whole
 
@@ -416,7 +416,7 @@ class BoxPool:
             wholes.append(np.empty(size, self.dtype))
             get_boxes(
                 cells, self.boxes, self.band_only, pool, shifts, shapes, starts, wholes[-1],
-                self.lost if pool is self.phi else None,
+                self.lost if pool is self.phi else np.zeros(len(self)),
             )  # fmt: skip
         self._give(self.row_start[cells], self._n_rows(cells), self._rows)
         self.origin[cells] += shifts
@@ -433,7 +433,9 @@ class BoxPool:
         self._take(cells, self.surveys[cells, WANTED].astype(np.int64))
         put_boxes(cells, self.boxes, self.band_only, starts, wholes[0], self.phi, self.lost)
         for whole in wholes[1:]:
-            put_boxes(cells, self.boxes, self.band_only, starts, whole, self.history, None)
+            put_boxes(
+                cells, self.boxes, self.band_only, starts, whole, self.history, np.zeros(len(self))
+            )
         if self.band_only:
             survey_bands(cells, self.boxes, self.phi, self.limits, self.surveys)
 
