@@ -338,13 +338,10 @@ class BoxPool:
         self.room[new] = 0
         self._take_rows(new)
         self._take(new, self.sizes()[new])
-        _, _, _, place = whole_rows(self.shape[new])
-        end = 0
         for i in new.tolist():
             rows = self.rows_of(i)
             self.low[rows] = self.high[rows] = 0
-            end += rows.stop - rows.start
-            self.place[rows] = place[end - (rows.stop - rows.start) : end]
+            self._place(i, whole=True)
             self.phi[self.stretch(i)] = 0
         self.forget(new.tolist())
 
@@ -360,7 +357,7 @@ class BoxPool:
         for i, end in zip(cells.tolist(), rows.tolist(), strict=True):
             here = self.rows_of(i)
             self.low[here], self.high[here] = contents["low"][last:end], contents["high"][last:end]
-            self._place(i)
+            self._place(i, whole=not self.band_only)
             last = end
         points, last = np.cumsum(contents["points"][: len(cells)]), 0
         for i, end in zip(cells.tolist(), points.tolist(), strict=True):
@@ -482,14 +479,14 @@ class BoxPool:
             if self.history is not None:
                 self.history = _grown(self.history, self._slots.end)
 
-    def _place(self, i: int) -> None:
-        """Set where the rows of cell i lie, of the spans in the table."""
+    def _place(self, i: int, whole: bool) -> None:
+        """Set where the rows of cell i lie: those of its whole box, or the spans of its band."""
         rows = self.rows_of(i)
-        if self.band_only:
+        if whole:
+            self.place[rows] = np.arange(rows.stop - rows.start) * self.shape[i, 2]
+        else:
             low, length = self.low[rows], self.high[rows] - self.low[rows]
             self.place[rows] = np.cumsum(length, dtype=np.int64) - length - low
-        else:
-            self.place[rows] = np.arange(rows.stop - rows.start) * self.shape[i, 2]
 
     @staticmethod
     def _give(starts: Integers, sizes: Integers, slots: Slots) -> None:

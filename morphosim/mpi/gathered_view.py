@@ -12,6 +12,7 @@ from morphosim.cell_field import CellField
 from morphosim.cell_table import CellTable
 from morphosim.engine import box_pool
 from morphosim.engine.box_pool import BoxPool
+from morphosim.engine.cell_view import PoolFields
 from morphosim.kernels.boxes import CORE, TOTAL
 from morphosim.measure.measurement import Measurement, centroids, measure
 from morphosim.mpi import state_transfer
@@ -201,8 +202,7 @@ class _Fields(Sequence[CellField]):
         return self._view.field(range(len(self))[i])
 
     def __iter__(self) -> Iterator[CellField]:
-        pool, names = self._view.pool, self._view.everyone.names
-        return (CellField(name, pool.origin[i], pool.box(i)) for i, name in enumerate(names))
+        return iter(PoolFields(self._view.pool, self._view.everyone.names))
 
 
 def _in_order(parts: Sequence[state_transfer.State]) -> dict[str, NDArray]:
