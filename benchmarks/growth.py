@@ -70,6 +70,7 @@ class Doublings:
             self.wanted *= 2
         return {
             "cells": cells, "t": round(simulation.time, 1), "wall, s": time.perf_counter() - begin,
+            "processors, s": time.process_time(),
             "step, ms": 1e3 * took / (simulation.engine.steps - steps),
             "peak, GB": memory(), "outside kernels, %": 100 * outside_kernels(profile),
         }  # fmt: skip

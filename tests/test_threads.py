@@ -4,9 +4,11 @@ import math
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from morphosim import Cell, Numerics, Scene, Simulation, Sphere
+from morphosim.engine.scheduling import LONG_ENOUGH, UNCOUNTED, ThreadCount
 from morphosim.numerics import threads
 
 
@@ -66,3 +68,53 @@ def test_more_threads_than_numba_has_are_refused(monkeypatch: pytest.MonkeyPatch
     ball = Cell(name="a", shape=Sphere(center=(0, 0, 0), radius=3))
     with pytest.raises(ValueError, match=r"^numerics.threads = 2 is more than the 1 that Numba"):
         Simulation(Scene(cells=[ball], numerics=Numerics(threads=2)))
+
+
+def run_steps(count: ThreadCount, steps: int, seconds: dict[int, float]) -> list[int]:
+    """Threads of each of so many steps, which take a time that depends on their number."""
+    used = []
+    for _ in range(steps):
+        used.append(count.now)
+        count.took(seconds[count.now])
+    return used
+
+
+def test_all_threads_work_where_that_is_faster() -> None:
+    used = run_steps(ThreadCount(2), 4000, {1: 1.9, 2: 1.0})
+    assert 4 <= used.count(1) < 0.01 * len(used)
+
+
+def test_fewer_threads_work_where_more_do_not_pay_and_more_once_they_do() -> None:
+    count = ThreadCount(2)
+    assert run_steps(count, 100, {1: 1.0, 2: 1.5})[50:].count(2) <= 4
+    assert run_steps(count, 4000, {1: 1.9, 2: 1.0})[-100:].count(1) <= 2
+
+
+def test_number_of_threads_is_looked_for_step_by_step() -> None:
+    seconds = {n: 1.0 + 0.2 * abs(n - 5) for n in range(1, 9)}
+    assert set(run_steps(ThreadCount(8), 2000, seconds)[-500:]) <= {4, 5, 6}
+
+
+def test_short_steps_are_tried_until_they_last_long_enough() -> None:
+    used = run_steps(ThreadCount(2), 400, {1: 0.0019, 2: 0.001})
+    first = used.index(1)
+    assert used[first : first + 10].count(1) > UNCOUNTED + LONG_ENOUGH / 0.0019 - 1
+
+
+def test_one_thread_stays_one() -> None:
+    assert set(run_steps(ThreadCount(1), 500, {1: 1.0})) == {1}
+
+
+def test_results_do_not_depend_on_how_many_threads_take_part() -> None:
+    balls = [
+        Cell(name=name, shape=Sphere(center=(x, 0, 0), radius=3))
+        for name, x in (("a", -3.0), ("b", 3.0), ("c", 9.0))
+    ]
+    scene = Scene(cells=balls, numerics=Numerics(threads=1))
+    alone, changing = Simulation(scene), Simulation(scene.with_numerics(threads=2))
+    for k in range(6):
+        changing.engine._threads.now = 1 + k % 2
+        alone.step()
+        changing.step()
+    for one, other in zip(alone.fields, changing.fields, strict=True):
+        assert np.array_equal(one.phi, other.phi)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from morphosim.engine.accuracy import Accuracy
 from morphosim.engine.box_pool import BoxPool
 from morphosim.engine.cell_view import CellView
 from morphosim.engine.coupling import Coupling
-from morphosim.engine.scheduling import share_out
+from morphosim.engine.scheduling import ThreadCount, share_out
 from morphosim.engine.solvers.solver import StepState, make_solver
 from morphosim.engine.stencil import make_stencil
 from morphosim.engine.workspace import Workspace
@@ -118,6 +119,7 @@ class Engine(CellView):
         self.dtype = np.dtype(DTYPES[numerics.precision])
         check_threads("numerics.threads", numerics.worker_count)
         self.workers = numerics.worker_count
+        self._threads = ThreadCount(self.workers)
         self.cells = CellTable(self.columns_with(physics))
         self.steps = self.ticks = 0
         self.targets: Callable[[float], None] = _as_they_are
@@ -191,7 +193,7 @@ class Engine(CellView):
 
     @contextmanager
     def limited_threads(self) -> Iterator[None]:
-        """Numba on `workers` threads, BLAS on one per thread of ours."""
+        """Numba on at most `workers` threads, BLAS on one per thread of ours."""
         before = get_num_threads()
         set_num_threads(self.workers)
         try:
@@ -205,6 +207,14 @@ class Engine(CellView):
 
         Steps of δt are one tick each.
         """
+        begin = perf_counter()
+        set_num_threads(self._threads.now)
+        self._take_step(most)
+        set_num_threads(self.workers)
+        self._threads.took(perf_counter() - begin)
+
+    def _take_step(self, most: int) -> None:
+        """Take a step, of at most so many ticks."""
         self.settle()
         ticks: int | None = self.solver.fit(most, bool(self.everyone["fresh"].any()))
         kept = self._states_of_terms()
