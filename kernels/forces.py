@@ -11,7 +11,7 @@ import numpy as np
 
 from morphosim.kernels._jit import entry, inline_kernel, kernel
 from morphosim.kernels.frames import strides
-from morphosim.kernels.points import force_at_point
+from morphosim.kernels.points import force_at_point, wanted_second
 from morphosim.kernels.rows import BLOCK, FRAME, STRETCH
 from morphosim.kernels.stencils import derivative, weighted_neighbours
 
@@ -54,7 +54,8 @@ def force(
     if points is not None:
         around = weighted_neighbours(phi, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
         laplacian = around + (stencil.l0 + stencil.l0 + stencil.l0) * value
-        total += force_at_point(points, i, value, gx, gy, gz, laplacian)
+        second = wanted_second(points, phi, p, sx, sy, stencil)
+        total += force_at_point(points, i, value, gx, gy, gz, laplacian, second)
     return total
 
 

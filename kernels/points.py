@@ -1,10 +1,11 @@
 """Forces that a user's own compiled function computes at each point.
 
 The function is f(values, phi, gx, gy, gz, laplacian), with the values of the cell, φ, ∇φ and Δφ at
-the point in the type of the fields. It reaches the kernels by the type of an argument: the cells'
-values are records whose only field is named after the function (`records`), and the kernels, which
-are compiled for that type, inline the function known by that name. So compiled kernels are cached
-on disk as all others are, and a function that is changed has another name.
+the point in the type of the fields, or f(…, laplacian, second) with all second derivatives. It
+reaches the kernels by the type of an argument: the cells' values are records whose only field is
+named after the function (`records`), and the kernels, which are compiled for that type, inline the
+function known by that name. So compiled kernels are cached on disk as all
+others are, and a function that is changed has another name.
 """
 
 import dis
@@ -24,23 +25,33 @@ from numba.core import types
 from numba.extending import overload
 
 from morphosim.kernels._jit import FAST_MATH
+from morphosim.kernels.stencils import second_derivatives
 
-_KNOWN: dict[str, Any] = {}
-"""Compiled functions by the name of their field."""
+_KNOWN: dict[str, tuple[Any, bool]] = {}
+"""Compiled functions by the name of their field, and whether they take second derivatives."""
 _CHECKED: set[tuple[str, str, int]] = set()
 """Name, type of the fields and number of values of the forces that `_check` has seen."""
 _HELPERS: "WeakKeyDictionary[Any, str]" = WeakKeyDictionary()
 """Digests of the compiled functions that forces call."""
+SECOND = 6
+"""Second derivatives: xx, yy, zz, xy, xz, yz."""
+ARGUMENTS = 6
+"""How many arguments such a function has without second derivatives."""
 _BY_NAME = {"builtins", "cmath", "math", "numba", "numpy"}
 """Packages whose functions are known by their names."""
 
 
 class PointForce:
-    """A compiled function f(values, phi, gx, gy, gz, laplacian); see `point_force`."""
+    """A compiled function f(values, phi, gx, gy, gz, laplacian[, second]); see `point_force`."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
         self._compiled: dict[str, Any] = {}
+
+    @property
+    def wants_second(self) -> bool:
+        """Whether it takes second derivatives."""
+        return len(inspect.signature(self.function).parameters) == ARGUMENTS + 1
 
     @property
     def name(self) -> str:
@@ -71,26 +82,28 @@ def point_force(function: Callable[..., Any]) -> PointForce:
 
     Parameters
     ----------
-    function : f(values, phi, gx, gy, gz, laplacian)
-        `values` are the cell's, indexed from 0; the others are numbers. Numba compiles it into the
+    function : f(values, phi, gx, gy, gz, laplacian) or f(…, laplacian, second)
+        `values` are the cell's, indexed from 0; the others are numbers, and `second`, if it is
+        taken, the second derivatives of φ by xx, yy, zz, xy, xz, yz. Numba compiles it into the
         force kernel: take arithmetic and NumPy functions of numbers only. `values` have the type of
         the fields, constants in the function are double, which costs speed in single precision.
 
     Raises
     ------
     ValueError
-        The function does not take these six arguments, or takes from outside what is neither
-        numbers nor arrays nor functions.
+        The function does not take these six or seven arguments, or takes from outside what is
+        neither numbers nor arrays nor functions.
     """
     if not inspect.isfunction(getattr(function, "py_func", function)):
         message = f"{function!r} is no force at a point; it must be a function of plain Python"
         raise ValueError(message)
     function = getattr(function, "py_func", function)
     parameters = inspect.signature(function).parameters.values()
-    if len(parameters) != 6 or any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) for p in parameters):
+    some = any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) for p in parameters)
+    if some or len(parameters) not in (ARGUMENTS, ARGUMENTS + 1):
         message = (
             f"{function.__qualname__}({', '.join(map(str, parameters))}) is no force at a point; "
-            "it must take (values, phi, gx, gy, gz, laplacian)"
+            "it must take (values, phi, gx, gy, gz, laplacian), or second after these"
         )
         raise ValueError(message)
     force = PointForce(function)
@@ -248,17 +261,23 @@ def records(
     n = len(parts[0][1]) if count is None else count
     for force, values in parts:
         _check(force, values, dtype, n)
-    forces = [(force.name, force.compiled) for force, _ in parts]
+    forces = [(force.name, force.compiled, force.wants_second) for force, _ in parts]
     widths = [values.shape[1] for _, values in parts]
-    name, function = forces[0]
-    for k, (other, compiled) in enumerate(forces[1:], 1):
-        function = _both(function, sum(widths[:k]), compiled)
+    name, function, second = forces[0]
+    for k, (other, compiled, wants) in enumerate(forces[1:], 1):
+        function, second = _both(function, second, sum(widths[:k]), compiled, wants)
         name = f"{name}_{sum(widths[:k])}_{other}"
     if name not in _KNOWN:
-        _KNOWN[name] = function
+        _KNOWN[name] = function, second
     result = np.zeros(n, [(name, dtype, (sum(widths),))])
-    result[name] = np.concatenate([values for _, values in parts], axis=1)
+    fill(result, [values for _, values in parts])
     return result
+
+
+def fill(points: np.ndarray, values: Sequence[np.ndarray]) -> None:
+    """Set the values of all forces, (N, K) each, in the order of their `records`."""
+    (name,) = points.dtype.names
+    points[name] = np.concatenate(values, axis=1)
 
 
 def _check(force: Any, values: Any, dtype: np.dtype, count: int) -> None:
@@ -285,10 +304,12 @@ def _check(force: Any, values: Any, dtype: np.dtype, count: int) -> None:
 
 def _try(force: PointForce, name: str, row: np.ndarray) -> None:
     """Raise ValueError if the plain function fails with small numbers, or gives no number."""
-    numbers = [row.dtype.type(value) for value in (0.5, 0.1, 0.1, 0.1, 0.1)]
+    arguments: list[Any] = [row.dtype.type(value) for value in (0.5, 0.1, 0.1, 0.1, 0.1)]
+    if force.wants_second:
+        arguments.append((arguments[-1],) * SECOND)
     try:
         with np.errstate(all="ignore"):
-            result = force(row, *numbers)
+            result = force(row, *arguments)
     except IndexError as error:
         message = (
             f"point force {name!r}: {error}; point_values gives {len(row)} values of each cell, "
@@ -311,7 +332,8 @@ def _compile(force: PointForce, name: str, dtype: np.dtype) -> None:
     if numba.config.DISABLE_JIT:
         return
     number = numba.from_dtype(dtype)
-    signature = (types.Array(number, 1, "C"), *(number,) * 5)
+    second = [types.UniTuple(number, SECOND)] if force.wants_second else []
+    signature = (types.Array(number, 1, "C"), *(number,) * 5, *second)
     compiled = force.compiled
     try:
         compiled.compile(signature)
@@ -341,33 +363,88 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _both(first: Any, place: int, second: Any) -> Any:
-    """Sum of two functions; the values of the second begin at `place`."""
+def _both(
+    first: Any, first_wants: bool, place: int, other: Any, other_wants: bool
+) -> tuple[Any, bool]:
+    """Sum of two functions, and whether it takes second derivatives.
 
-    @numba.njit(error_model="numpy", fastmath=set(FAST_MATH), forceinline=True)
-    def both(values, phi, gx, gy, gz, laplacian):
-        return first(values, phi, gx, gy, gz, laplacian) + second(
-            values[place:], phi, gx, gy, gz, laplacian
+    The values of the other begin at `place`.
+    """
+    options: dict[str, Any] = {
+        "error_model": "numpy", "fastmath": set(FAST_MATH), "forceinline": True
+    }  # fmt: skip
+    if not first_wants and not other_wants:
+
+        @numba.njit(**options)
+        def both(values, phi, gx, gy, gz, laplacian):
+            return first(values, phi, gx, gy, gz, laplacian) + other(
+                values[place:], phi, gx, gy, gz, laplacian
+            )
+
+        return both, False
+    first, other = (
+        function if wants else _with_second(function, options)
+        for function, wants in ((first, first_wants), (other, other_wants))
+    )
+
+    @numba.njit(**options)
+    def both_with_second(values, phi, gx, gy, gz, laplacian, second):
+        return first(values, phi, gx, gy, gz, laplacian, second) + other(
+            values[place:], phi, gx, gy, gz, laplacian, second
         )
 
-    return both
+    return both_with_second, True
 
 
-def force_at_point(points: Any, i: Any, phi: Any, gx: Any, gy: Any, gz: Any, laplacian: Any) -> Any:
+def _with_second(function: Any, options: dict[str, Any]) -> Any:
+    """The same, given second derivatives that it does not look at."""
+
+    @numba.njit(**options)
+    def alike(values, phi, gx, gy, gz, laplacian, second):
+        return function(values, phi, gx, gy, gz, laplacian)
+
+    return alike
+
+
+def wanted_second(points: Any, phi: Any, p: Any, sx: Any, sy: Any, stencil: Any) -> Any:
+    """Second derivatives at point p of a frame; None if no point function takes them."""
+    return second_derivatives(phi, p, sx, sy, stencil) if _wanted(points.dtype.names) else None
+
+
+def _wanted(names: Any) -> bool:
+    (name,) = names
+    return _KNOWN[name][1]
+
+
+@overload(wanted_second, jit_options={"forceinline": True})
+def _typed_wanted_second(points, phi, p, sx, sy, stencil):  # without types: as in `_jit`
+    """Compute them if the function that the type of `points` names takes them."""
+    if isinstance(points, types.NoneType) or not _wanted(points.dtype.fields):
+        return lambda points, phi, p, sx, sy, stencil: None
+    return lambda points, phi, p, sx, sy, stencil: second_derivatives(phi, p, sx, sy, stencil)
+
+
+def force_at_point(
+    points: Any, i: Any, phi: Any, gx: Any, gy: Any, gz: Any, laplacian: Any, second: Any
+) -> Any:
     """Force of all point functions on cell i."""
     (name,) = points.dtype.names
-    function = _KNOWN[name]
+    function, wants = _KNOWN[name]
     function = getattr(function, "py_func", function)
-    return function(points[i][name], phi, gx, gy, gz, laplacian)
+    return function(points[i][name], phi, gx, gy, gz, laplacian, *([second] if wants else []))
 
 
 @overload(force_at_point, jit_options={"forceinline": True})
-def _typed_force_at_point(points, i, phi, gx, gy, gz, laplacian):  # without types: as in `_jit`
+def _typed_force_at_point(points, i, phi, gx, gy, gz, laplacian, second):  # as above
     """Call the function that the type of `points` names."""
     if isinstance(points, types.NoneType):
-        return lambda points, i, phi, gx, gy, gz, laplacian: phi
+        return lambda points, i, phi, gx, gy, gz, laplacian, second: phi
     (name,) = points.dtype.fields
-    function = _KNOWN[name]
-    return lambda points, i, phi, gx, gy, gz, laplacian: function(
+    function, wants = _KNOWN[name]
+    if wants:
+        return lambda points, i, phi, gx, gy, gz, laplacian, second: function(
+            points[i][name], phi, gx, gy, gz, laplacian, second
+        )
+    return lambda points, i, phi, gx, gy, gz, laplacian, second: function(
         points[i][name], phi, gx, gy, gz, laplacian
     )

@@ -4,6 +4,8 @@ All indices are unsigned: an unsigned index needs no check for negative wrap-aro
 keep the loops from being vectorised.
 """
 
+import numpy as np
+
 from morphosim.kernels._jit import inline_kernel
 
 COEFFICIENTS = {
@@ -58,3 +60,56 @@ def weighted_neighbours(field, index, sx, sy, sz, l1, l2, l3):
     if l3 is not None:
         value += l3 * around(field, index, sx + sx + sx, sy + sy + sy, sz + sz + sz)
     return value
+
+
+@inline_kernel()
+def second_derivative(field, index, stride, l0, l1, l2, l3):
+    """Second derivative of `field` at `index` along the axis of `stride`.
+
+    `l2` and `l3` are None for stencils that do not have them.
+    """
+    value = l0 * field[index] + l1 * (field[index + stride] + field[index - stride])
+    if l2 is not None:
+        two = stride + stride
+        value += l2 * (field[index + two] + field[index - two])
+    if l3 is not None:
+        three = stride + stride + stride
+        value += l3 * (field[index + three] + field[index - three])
+    return value
+
+
+@inline_kernel()
+def corners(field, index, s, t):
+    """Those of the same sign less those of different signs, of the four points s and t away."""
+    return (field[index + s + t] + field[index - s - t]) - (
+        field[index + s - t] + field[index - s + t]
+    )
+
+
+@inline_kernel()
+def mixed_derivative(field, index, s, t, l1, l2, l3):
+    """Derivative of `field` at `index` by the axes of two strides.
+
+    The points (k, k) and its like give it with an error of k² e₂ + k⁴ e₄ + …, as the points k do
+    for a second derivative; so the weights that cancel these errors there do so here, over 4.
+    """
+    value = l1 * corners(field, index, s, t)
+    if l2 is not None:
+        value += l2 * corners(field, index, s + s, t + t)
+    if l3 is not None:
+        value += l3 * corners(field, index, s + s + s, t + t + t)
+    return value * np.float32(0.25)
+
+
+@inline_kernel()
+def second_derivatives(field, index, sx, sy, stencil):
+    """Second derivatives of `field` at `index`, by xx, yy, zz, xy, xz, yz."""
+    sz, l0, l1, l2, l3 = np.uint64(1), stencil.l0, stencil.l1, stencil.l2, stencil.l3
+    return (
+        second_derivative(field, index, sx, l0, l1, l2, l3),
+        second_derivative(field, index, sy, l0, l1, l2, l3),
+        second_derivative(field, index, sz, l0, l1, l2, l3),
+        mixed_derivative(field, index, sx, sy, l1, l2, l3),
+        mixed_derivative(field, index, sx, sz, l1, l2, l3),
+        mixed_derivative(field, index, sy, sz, l1, l2, l3),
+    )

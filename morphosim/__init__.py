@@ -69,6 +69,7 @@ _EXPORTS = {
     "Attraction": "physics.attraction",
     "Centrifuge": "physics.centrifuge",
     "Chemotaxis": "physics.chemotaxis",
+    "AxialTension": "physics.axial_tension",
     "Flow": "physics.flow",
     "Gravity": "physics.gravity",
     "Polarity": "physics.polarity",
@@ -138,6 +139,7 @@ if TYPE_CHECKING:
     from morphosim.mpi.distributed_simulation import DistributedSimulation, RootObserver
     from morphosim.numerics.parameters import Numerics
     from morphosim.physics.attraction import Attraction
+    from morphosim.physics.axial_tension import AxialTension
     from morphosim.physics.centrifuge import Centrifuge
     from morphosim.physics.chemotaxis import Chemotaxis
     from morphosim.physics.flow import Flow
@@ -186,6 +188,7 @@ __all__ = [
     "Aggregate",
     "Apoptosis",
     "Attraction",
+    "AxialTension",
     "Axis",
     "BoxWalls",
     "Cell",

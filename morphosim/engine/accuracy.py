@@ -197,6 +197,7 @@ class Accuracy:
         """
         numerics, count = self._numerics, len(tensions)
         self._c, self._tau, self._rate, self._largest = physics.c, physics.tau, rate, largest
+        self._stiffening = sum(term.stiffening for term in physics.active_terms)
         self._well = SHIFT * tensions * mobility * physics.c
         self._tensions = tensions.astype(self._weights.dtype)
         sharpness = (2 * physics.interface_scale * numerics.spacing) ** 2
@@ -310,7 +311,9 @@ class Accuracy:
             inertia: Floats | float = S + self._well
             start_S = numerics.start_S
             if numerics.scheme == "linearised":
-                s = diffusion(numerics, self._c, self._tau, self._rate, dt, self._largest)
+                s = diffusion(
+                    numerics, self._c, self._tau, self._rate, dt, self._largest, self._stiffening
+                )
                 inertia, start_S = SHIFT * self._c * s, None
             lags[:, 0] = inertia * dt**2 / self._tau
             lags[:, 1] = lags[:, 0] if start_S is None else start_S * dt**2 / self._tau

@@ -27,7 +27,7 @@ from morphosim.errors import TermError
 from morphosim.geometry.confinement import Confinement
 from morphosim.kernels.boxes import BAD, CORE, EDGE
 from morphosim.kernels.layout import CellTerms, Limits, Scheme
-from morphosim.kernels.points import records
+from morphosim.kernels.points import fill, records
 from morphosim.measure.measurement import Measurement, measure
 from morphosim.measure.surroundings import Surroundings
 from morphosim.numerics.parameters import MOST_TICKS, Numerics
@@ -422,10 +422,8 @@ class Engine(CellView):
         n = len(self)
         drifts = any(term.drifts for term in self._terms)
         differs = bool(self.physics.tau_by_type)
-        points = [
-            (term.point, term.point_values(self.cells))
-            for term in self._terms if term.point is not None
-        ]  # fmt: skip
+        self._acting_at_points = [term for term in self._terms if term.point is not None]
+        points = [(term.point, term.point_values(self.cells)) for term in self._acting_at_points]
         return CellTerms(
             gamma=(tensions * self._mobility).astype(self.dtype),
             well=(4 * tensions * self.physics.c).astype(self.dtype),
@@ -485,6 +483,8 @@ class Engine(CellView):
                     f"{error}"
                 )
                 raise TermError(message, time=step.time, cell="") from error
+        if any(term.point_varies for term in self._acting_at_points):
+            fill(values.points, [term.point_values(self.cells) for term in self._acting_at_points])
         values.pressure[:] = forces.pressure
         if values.drift is not None:
             values.drift[:] = forces.drift

@@ -53,14 +53,15 @@ def used_S(numerics: Numerics, tau: float, rate: float, dt: float | None = None)
 
 
 def diffusion(
-    numerics: Numerics, c: float, tau: float, rate: float, dt: float, tension: float
-) -> float:
+    numerics: Numerics, c: float, tau: float, rate: float, dt: float, tension: float,
+    stiffening: float = 0.0,
+) -> float:  # fmt: skip
     """Diffusion s of "linearised", which takes -(γ + s) Δ implicitly.
 
     The tail of an interface is damped as by S. It is no less than what the finest waves need, of
     which the Laplacian of the forces makes more than that of the iterations: with Λ and Λ₂ for -Δ
     by the two, and ε for what these leave (`LEFT`), φⁿ⁺¹ = -φⁿ does not grow if
-    4 (γ + s) Λ₂ > 3 (1 + ε) γ Λ.
+    4 (γ + s) Λ₂ > 3 (1 + ε) (1 + χ) γ Λ.
 
     Parameters
     ----------
@@ -71,12 +72,14 @@ def diffusion(
         See `used_S`.
     tension : float
         γ, the largest of the cells.
+    stiffening : float
+        χ, by which other terms raise γΔ.
     """
     forces, solved = (
         largest_eigenvalue(order, numerics.spacing, np.sqrt(c / 2))
         for order in (numerics.order, SOLVED_ORDER)
     )
-    least = tension * (0.75 * (1 + LEFT) * forces / solved - 1)
+    least = tension * (0.75 * (1 + LEFT) * (1 + stiffening) * forces / solved - 1)
     return max(used_S(numerics, tau, rate, dt) / (2 * c), least)
 
 

@@ -3,6 +3,7 @@
 Another one is a file here and a row of `TERMS`.
 """
 
+from morphosim.physics.axial_tension import AxialTension
 from morphosim.physics.centrifuge import Centrifuge
 from morphosim.physics.chemotaxis import Chemotaxis
 from morphosim.physics.flow import Flow
@@ -18,4 +19,5 @@ TERMS: dict[str, type[Term]] = {
     "chemotaxis": Chemotaxis,
     "polarity": Polarity,
     "wall_adhesion": WallAdhesion,
+    "axial_tension": AxialTension,
 }

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.cell_table import CellTable, Column
+from morphosim.numerics.parameters import Numerics
 from morphosim.physics.term import Conditions, Term
 
 
@@ -19,7 +20,8 @@ class SurfaceTension(Term):
     Attributes
     ----------
     gamma : float
-        Surface tension γ; a cell may have its own, in the column "own_tension".
+        Surface tension γ; a cell may have its own, in the column "own_tension". The column
+        "tension" has that of each cell.
     c : float
         Strength of the double well, 1/µm². The interface is φ = (1 + tanh(√(c/2) d)) / 2 with d
         the depth in µm.
@@ -28,7 +30,10 @@ class SurfaceTension(Term):
     gamma: float
     c: float
 
-    columns = (Column("own_tension", default=np.nan, shared=True),)
+    columns = (
+        Column("own_tension", default=np.nan, shared=True),
+        Column("tension", saved=False),
+    )
     drifts = False
     label = "double well"
 
@@ -40,6 +45,10 @@ class SurfaceTension(Term):
         """(N,) γ of each cell: its own, or that of the physics."""
         own = cells["own_tension"]
         return np.where(np.isnan(own), self.gamma, own)
+
+    def prepare(self, cells: CellTable, numerics: Numerics) -> None:
+        """Set the tension of each cell."""
+        cells["tension"][:] = self.tensions(cells)
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """2 γ c: the double well at φ = 0 and 1."""

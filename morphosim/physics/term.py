@@ -273,7 +273,10 @@ class Term:
     random : bool
         Whether it draws random numbers, so that another seed gives another course.
     point : PointForce or None
-        Force at each point, a function of φ, ∇φ and Δφ there; see `kernels.points.point_force`.
+        Force at each point, a function of φ and its derivatives there; see
+        `kernels.points.point_force`.
+    point_varies : bool
+        Whether `point_values` differ from step to step.
     label : str
         What warnings call it; by default the name of its class.
     """
@@ -282,6 +285,7 @@ class Term:
     drifts: ClassVar[bool] = True
     random: ClassVar[bool] = False
     point: ClassVar[PointForce | None] = None
+    point_varies: ClassVar[bool] = False
     label: ClassVar[str] = ""
 
     @property
@@ -313,7 +317,7 @@ class Term:
         """Add to pressure and drift, and advance its own columns by a step."""
 
     def point_values(self, cells: CellTable) -> Floats:
-        """(N, K) values of each cell that `point` gets; called as `prepare` is."""
+        """(N, K) values of each cell that `point` gets; called as `prepare` is, or in each step."""
         return np.zeros((len(cells), 1))
 
     def explicit_rate(self, conditions: Conditions) -> float:
@@ -322,6 +326,11 @@ class Term:
 
     def whole_cell_rate(self, conditions: Conditions) -> float:
         """Likewise, where it acts on a cell as a whole and not at each point alone."""
+        return 0.0
+
+    @property
+    def stiffening(self) -> float:
+        """Share of γΔφ that it adds by second derivatives, for the diffusion of "linearised"."""
         return 0.0
 
     def concern(self, conditions: Conditions) -> Concern | None:

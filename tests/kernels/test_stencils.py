@@ -4,12 +4,15 @@ import itertools
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from morphosim.engine.stencil import make_stencil
 from morphosim.kernels.stencils import (
     COEFFICIENTS,
     LAPLACIAN_COEFFICIENTS,
     around,
     derivative,
+    second_derivatives,
     weighted_neighbours,
 )
 
@@ -107,3 +110,37 @@ def test_laplacian_is_exact_up_to_its_order(order: int, way: str) -> None:
         exact = beyond * (beyond - 1) * place[axis] ** order
         found = laplacian(way, order, points[axis] ** beyond)
         assert found != pytest.approx(exact, abs=1e-4)
+
+
+@both_ways
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_second_derivatives_are_exact_up_to_their_order(order: int, way: str) -> None:
+    """On all products of powers of x, y, z up to one more than the order; not on two more."""
+    place = np.array([0.7, -0.4, 0.9])
+    points = (np.indices(SHAPE).T - POINT).T * H + place[:, None, None, None]
+    index = np.uint64(np.ravel_multi_index(POINT, SHAPE))
+    sx, sy, _ = (np.uint64(s) for s in strides())
+    stencil = make_stencil(order, H, np.dtype(float))
+
+    def found(powers: tuple[int, ...]) -> NDArray[np.float64]:
+        field = np.prod([p**n for p, n in zip(points, powers, strict=True)], axis=0)
+        return np.array(taken(second_derivatives, way)(field.ravel(), index, sx, sy, stencil))
+
+    def exact(powers: tuple[int, ...]) -> NDArray[np.float64]:
+        polynomials = [np.polynomial.Polynomial([0] * n + [1]) for n in powers]
+
+        def derived(*times: int) -> float:
+            factors = [p.deriv(t) if t else p for p, t in zip(polynomials, times, strict=True)]
+            return float(np.prod([f(x) for f, x in zip(factors, place, strict=True)]))
+
+        orders = [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
+        return np.array([derived(*times) for times in orders])
+
+    for powers in itertools.product(range(order + 2), repeat=3):
+        if sum(powers) <= order + 1:
+            np.testing.assert_allclose(found(powers), exact(powers), atol=1e-11)
+    for k, pair in enumerate([(0, 1), (0, 2), (1, 2)]):
+        powers = np.zeros(3, int)
+        powers[list(pair)] = order + 1, 1
+        beyond = tuple(powers.tolist())
+        assert found(beyond)[3 + k] != pytest.approx(exact(beyond)[3 + k], abs=1e-4)

@@ -159,7 +159,7 @@ def test_forces_at_points_add_up() -> None:
     values = np.array([0.3, 0.2, 1.0, 0.7])
     expected = slowed(values[:3], phi, *gradient, 2.0) + leaning(values[3:], phi, *gradient, 2.0)
     found = records([(slowed, values[None, :3]), (leaning, values[None, 3:])], np.dtype(np.float64))
-    given = force_at_point(found, 0, phi, *gradient, 2.0)
+    given = force_at_point(found, 0, phi, *gradient, 2.0, None)
     np.testing.assert_allclose(given, expected, rtol=1e-14)
     both = Simulation(scene(Stiffness(), Lean()))
     both.step(4)

@@ -78,6 +78,7 @@ class LinearisedSolver:
         """See `Solver`."""
         self._tau, self._c, self._rate = physics.tau, physics.c, explicit_rate
         self._random = any(term.random for term in physics.active_terms)
+        self._stiffening = sum(term.stiffening for term in physics.active_terms)
         if self._control is not None:
             self._control.hold(self._random)
         self._stiffest = float(present.max()) if len(present) else 0.0
@@ -217,7 +218,10 @@ class LinearisedSolver:
     def _spread(self, ticks: int) -> float:
         """The stabilisation s of a step, -s Δ."""
         length = ticks * self._numerics.tick
-        return diffusion(self._numerics, self._c, self._tau, self._rate, length, self._stiffest)
+        return diffusion(
+            self._numerics, self._c, self._tau, self._rate, length, self._stiffest,
+            self._stiffening,
+        )  # fmt: skip
 
     def _weights(
         self, fresh: NDArray[np.bool_], rate: float, later: float, strongest: float, spread: float
