@@ -26,6 +26,7 @@ from morphosim.kernels.boxes import (
 )
 from morphosim.kernels.layout import Boxes, Limits
 from morphosim.kernels.rows import BLOCK, whole_rows
+from morphosim.period import Period
 
 SLACK = 4
 """A box is laid anew when it could be smaller by this many points along an axis."""
@@ -40,6 +41,8 @@ COLUMNS = (
     Column("ahead", inherits=False, optional=True),
 )
 """Where each cell's box lies on the lattice and in the pools, and what surveys have found."""
+TURNS = Column("turns", np.int64, (3,))
+"""In periodic space: periods by which each cell's box has been carried back."""
 AT_ONCE = 64
 """Boxes that are laid together: until all are, they are held whole beside the pools."""
 SPARE = 32
@@ -117,6 +120,8 @@ class BoxPool:
     band_only : bool
         Whether the solver works on the narrow band alone, outside of which φ is 0: then that is all
         that is held of a box.
+    period : Period or None
+        After which space repeats; the table then has `TURNS`.
 
     Attributes
     ----------
@@ -131,9 +136,9 @@ class BoxPool:
 
     def __init__(
         self, cells: CellTable, dtype: DTypeLike, limits: Limits, memory: str,
-        band_only: bool,
+        band_only: bool, period: Period | None = None,
     ) -> None:  # fmt: skip
-        self.cells = cells
+        self.cells, self.period = cells, period
         self.dtype: np.dtype[Any] = np.dtype(dtype)
         self.limits, self.band_only = limits, band_only
         self.phi: Real = np.zeros(0, dtype)
@@ -154,6 +159,20 @@ class BoxPool:
     def origin(self) -> Integers:
         """(N, 3) lattice position of each box's first point."""
         return self.cells["origin"]
+
+    @property
+    def path(self) -> Integers:
+        """(N, 3) where it would be had it not been carried back in periodic space."""
+        if self.period is None:
+            return self.origin
+        return np.asarray(self.origin + self.cells["turns"] * self.period.lengths)
+
+    def wrap(self, rows: Integers) -> None:
+        """Carry boxes whose middles have left the period back into it."""
+        if self.period is not None and len(rows):
+            shifts = self.period.shifts(self.origin[rows], self.shape[rows])
+            self.origin[rows] += shifts
+            self.cells["turns"][rows] -= shifts // np.maximum(self.period.lengths, 1)
 
     @property
     def shape(self) -> Integers:

@@ -77,8 +77,9 @@ class CellView:
 
     @property
     def centroids(self) -> NDArray[np.float64]:
-        """(N, 3) centroids ∫ r φ / ∫ φ, µm."""
-        return centroids(self.pool.phi, self.pool.stored, self.numerics.spacing)
+        """(N, 3) centroids ∫ r φ / ∫ φ, µm; in periodic space they go on beyond its faces."""
+        pool = self.pool
+        return centroids(pool.phi, pool.stored, self.numerics.spacing, pool.path)
 
     @property
     def fields(self) -> Sequence[CellField]:

@@ -179,8 +179,8 @@ class ColumnCover:
         self._first = self._end = np.zeros((0, 3), np.int64)
         self._low = np.zeros(0, np.int64)
 
-    def update(self, origin: Integers, shape: Integers) -> None:
-        """Make `columns` and `lists` fit the boxes."""
+    def update(self, origin: Integers, shape: Integers, cells: int) -> None:
+        """Make `columns` and `lists` fit the boxes of so many cells, and after them of images."""
         low = origin - HALO
         first, end = low >> SHIFTS, (low + frame_shapes(shape) - 1 >> SHIFTS) + 1
         same_tiles = np.array_equal(first, self._first) and np.array_equal(end, self._end)
@@ -209,6 +209,8 @@ class ColumnCover:
         group[order] = np.cumsum(opens) - 1
 
         needed = np.bincount(group) > 1
+        if cells < len(origin):
+            needed &= np.bincount(group, owner < cells) > 0
         for space in (self._background, *self._fields):
             if space is not None:
                 needed |= space.acts(begin, final)

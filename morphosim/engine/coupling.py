@@ -13,9 +13,10 @@ from morphosim.engine.column_sums import Background, ColumnCover
 from morphosim.engine.interactions import Interactions
 from morphosim.engine.scheduling import Schedule
 from morphosim.kernels.columns import accumulate
-from morphosim.kernels.frames import frame_sizes
-from morphosim.kernels.layout import ColumnLists, Columns, Interaction
+from morphosim.kernels.frames import HALO, frame_sizes
+from morphosim.kernels.layout import Boxes, ColumnLists, Columns, Interaction
 from morphosim.kernels.pairs import accumulate_pairs
+from morphosim.period import Period, with_images
 from morphosim.physics.term import Environment, SpaceTerm
 
 
@@ -26,6 +27,8 @@ class Coupling:
     ----------
     dtype : of the fields
     threads : int
+    period : Period or None
+        After which space repeats.
 
     Attributes
     ----------
@@ -35,8 +38,9 @@ class Coupling:
         Largest mobility of a cell, see `CellTerms`, that `strongest` and `largest` count with.
     """
 
-    def __init__(self, dtype: np.dtype, threads: int) -> None:
-        self._dtype = dtype
+    def __init__(self, dtype: np.dtype, threads: int, period: Period | None = None) -> None:
+        self._dtype, self._period = dtype, period
+        self._images = np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
         self._cover = ColumnCover(dtype, threads)
         self._walls = _Space((), None, dtype)
         self._fields: list[_Space] = []
@@ -59,7 +63,8 @@ class Coupling:
             environment.attraction, environment.g, list(potentials), cells, everyone, self._dtype
         )
         felt = environment.g > 0 or self._interactions.attracts
-        self.acts = bool(walls or potentials) or (len(everyone) > 1 and felt)
+        several = len(everyone) > 1 or self._period is not None
+        self.acts = bool(walls or potentials) or (several and felt)
         spacing = environment.numerics.spacing
         self._walls = self._walls.renewed(walls, spacing)
         fields = [*self._fields, *(_Space((), None, self._dtype) for _ in potentials)]
@@ -73,6 +78,9 @@ class Coupling:
 
     def lay_out(self, pool: BoxPool) -> None:
         """Make room for the sums where the boxes are."""
+        if self._period is not None:
+            self._images = self._period.images(pool.boxes, HALO)
+            self._interactions.repeat(self._images[0])
         pairs = self._interactions.pairs
         if pairs is not None:
             frames = frame_sizes(pool.shape)
@@ -82,21 +90,24 @@ class Coupling:
             if self._pair_potential is None or len(self._pair_potential) != length:
                 self._pair_potential = np.zeros(length, self._dtype)
         if self.acts:
-            self._cover.update(pool.origin, pool.shape)
+            boxes = self._boxes(pool)
+            self._cover.update(boxes.origin, boxes.shape, len(pool))
 
     def accumulate(self, pool: BoxPool, schedule: Schedule) -> None:
         """Sum over the cells of the present state."""
         if not self.acts:
             return
-        cover = self._cover
-        accumulate(
-            cover.shares, cover.lists, pool.acting, pool.boxes, self.interaction, cover.columns
-        )
+        cover, boxes = self._cover, self._boxes(pool)
+        accumulate(cover.shares, cover.lists, pool.acting, boxes, self.interaction, cover.columns)
         if self._interactions.pairs is not None:
             accumulate_pairs(
-                schedule.shares, schedule.order, self._interactions.pairs, pool.acting, pool.boxes,
+                schedule.shares, schedule.order, self._interactions.pairs, pool.acting, boxes,
                 self._pair_potential,
             )  # fmt: skip
+
+    def _boxes(self, pool: BoxPool) -> Boxes:
+        """Boxes of cells, and of their images."""
+        return pool.boxes if self._period is None else with_images(pool.boxes, *self._images)
 
     @property
     def interaction(self) -> Interaction:

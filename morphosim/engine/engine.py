@@ -33,6 +33,7 @@ from morphosim.measure.surroundings import Surroundings
 from morphosim.numerics.parameters import MOST_TICKS, Numerics
 from morphosim.numerics.schemes import coefficients, used_S
 from morphosim.numerics.threads import check_threads
+from morphosim.period import Period
 from morphosim.physics.parameters import Physics
 from morphosim.physics.term import Environment, Forces, Step
 
@@ -111,8 +112,9 @@ class Engine(CellView):
 
     def __init__(
         self, physics: Physics, numerics: Numerics, confinement: Confinement | None,
-        columns: Iterable[Column] = (),
+        columns: Iterable[Column] = (), period: Period | None = None,
     ) -> None:  # fmt: skip
+        self.period = period
         self.physics, self.numerics, self.confinement = physics, numerics, confinement
         self.further = tuple(columns)
         self.explicit_rate = 0.0
@@ -129,8 +131,10 @@ class Engine(CellView):
         self._limits = Limits(*(real(v) for v in (numerics.box_tolerance, RUNAWAY, 0.5)))
         self.solver = make_solver(numerics, self.dtype, self.workers)
         memory = MEMORIES.get(numerics.scheme, "none")
-        self.pool = BoxPool(self.cells, self.dtype, self._limits, memory, self.solver.on_band)
-        self._coupling = Coupling(self.dtype, self.workers)
+        self.pool = BoxPool(
+            self.cells, self.dtype, self._limits, memory, self.solver.on_band, period
+        )
+        self._coupling = Coupling(self.dtype, self.workers, period)
         self._workspace = Workspace(self.workers, self.dtype)
         self._accuracy = Accuracy(numerics, self.dtype, self.workers)
         self._controller = ThreadpoolController()
@@ -138,7 +142,8 @@ class Engine(CellView):
 
     def columns_with(self, physics: Physics) -> tuple[Column, ...]:
         """Columns of the cell table under these physics, but those that say who a cell is."""
-        return (*COLUMNS, *self.further, *physics.columns)
+        turns = () if self.period is None else (box_pool.TURNS,)
+        return (*COLUMNS, *turns, *self.further, *physics.columns)
 
     def start(self, values: Mapping[str, Any], types: Sequence[str], fields: Fields) -> None:
         """Begin with these cells.
@@ -154,7 +159,9 @@ class Engine(CellView):
 
     def _lay_start(self, fields: Fields) -> None:
         """Lay the start fields of all cells, and let terms set their columns."""
-        self.pool.lay(np.arange(len(self)), fields)
+        rows = np.arange(len(self))
+        self.pool.lay(rows, fields)
+        self.pool.wrap(rows)
         self.pool.lost[:] = 0  # what is cut from start fields is no loss of the run
         self.face_peak[:] = self.pool.surveys[:, EDGE]
         for term in self.physics.active_terms:
@@ -189,7 +196,9 @@ class Engine(CellView):
         """Shapes and contacts of all cells, measured on the engine's threads."""
         pool = self.pool
         with self.limited_threads():
-            return measure(pool.phi, pool.stored, self.numerics.spacing)
+            return measure(
+                pool.phi, pool.stored, self.numerics.spacing, period=pool.period, path=pool.path
+            )
 
     @contextmanager
     def limited_threads(self) -> Iterator[None]:
@@ -342,6 +351,7 @@ class Engine(CellView):
     def _lay_halves(self, rows: NDArray[np.int64], halves: Sequence[CellField]) -> None:
         """Lay the fields of new daughters."""
         self.pool.lay(rows, ((half.origin, half.phi) for half in halves))
+        self.pool.wrap(rows)
         self.face_peak[rows] = self.pool.surveys[rows, EDGE]
         self.change()
 
@@ -441,7 +451,7 @@ class Engine(CellView):
         pool, walls = self.pool, self.confinement
         return Surroundings(
             pool.acting, pool.stored, self.numerics.spacing,
-            None if walls is None else walls.depth,
+            None if walls is None else walls.depth, pool.period, pool.path,
         )  # fmt: skip
 
     def _scheme(self, fresh: bool) -> Scheme:
@@ -496,6 +506,7 @@ class Engine(CellView):
         else:
             cells = np.flatnonzero(self.pool.cramped() & ~self.cells["frozen"])
         self.moved = self.pool.refit(cells) if len(cells) else cells
+        self.pool.wrap(self.moved)
         if len(self.moved):
             self._displaced = True
 

@@ -58,7 +58,21 @@ class Interactions:
         pull[len(pull) - len(fields) :, : strengths.shape[1]] = strengths
         self.interaction = Interaction(g=real.type(g), types=index, pull=pull.astype(real))
         self.n_fields = len(pull) if pull.any() else 0
-        self.pairs = _pairs(_exceptions(attraction, cells), pull, index, real)
+        self._types, self._dtype = index, real
+        self._differing = _differing(_exceptions(attraction, cells), pull, index)
+        self.pairs = _compressed(self._differing, len(index), real) if self._differing else None
+
+    def repeat(self, owner: NDArray[np.int64]) -> None:
+        """Count images of cells (M,), which come after all cells, as these where they act."""
+        n = len(self._types)
+        types = np.concatenate([self._types, self._types[owner]])
+        self.interaction = self.interaction._replace(types=types)
+        if self._differing:
+            seen: dict[int, list[int]] = {}
+            for place, j in enumerate(owner.tolist()):
+                seen.setdefault(j, [j]).append(n + place)
+            rows = [(i, k, w) for i, j, w in self._differing for k in seen.get(j, [j])]
+            self.pairs = _compressed(rows, n, self._dtype)
 
     @property
     def attracts(self) -> bool:
@@ -75,20 +89,22 @@ def _exceptions(attraction: Pull | None, cells: CellTable) -> dict[tuple[int, in
     return attraction.exceptions(rows, parents)
 
 
-def _pairs(
+def _differing(
     exceptions: Mapping[tuple[int, int], float],
     pull: NDArray[np.float64],
     types: NDArray[np.int64],
-    dtype: np.dtype,
-) -> Pairs | None:
+) -> list[tuple[int, int, float]]:
+    """Pulled cell, cell that pulls, and by what σ differs from that of their types; sorted."""
     weights = {(i, j): value - pull[types[j], types[i]] for (j, i), value in exceptions.items()}
-    rows = sorted((i, j, weight) for (i, j), weight in weights.items() if weight != 0)
-    if not rows:
-        return None
+    return sorted((i, j, weight) for (i, j), weight in weights.items() if weight != 0)
+
+
+def _compressed(rows: Sequence[tuple[int, int, float]], count: int, dtype: np.dtype) -> Pairs:
+    """Pairs by the cell that is pulled, of so many cells."""
     pulled = np.array([i for i, _, _ in rows])
     return Pairs(
-        start=np.searchsorted(pulled, np.arange(len(types) + 1)).astype(np.int64),
+        start=np.searchsorted(pulled, np.arange(count + 1)).astype(np.int64),
         cell=np.array([j for _, j, _ in rows], np.int64),
         weight=np.array([w for _, _, w in rows], dtype),
-        frame_start=np.full(len(types), -1),
+        frame_start=np.full(count, -1),
     )

@@ -21,6 +21,7 @@ from morphosim.kernels.moments import Fields, find_extents, overlapping_pairs
 from morphosim.kernels.rows import whole_rows
 from morphosim.kernels.sharing import equal_shares
 from morphosim.kernels.surfaces import Work
+from morphosim.period import Period, with_images
 
 TOUCH_LEVEL = 0.44
 SURFACE_LEVEL = 0.34
@@ -69,7 +70,15 @@ class Prepared(NamedTuple):
 
     shares: Shares
     fields: Fields
+    """Of all cells, and in periodic space after them those of their images."""
     work: Work
+    cell: Integers
+    """Cell of each field."""
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return len(self.cell) if not len(self.cell) else int(self.cell.max()) + 1
 
 
 def pack(fields: Sequence[CellField]) -> tuple[NDArray[np.floating], Boxes]:
@@ -95,7 +104,7 @@ def placed(phi: NDArray[np.floating], boxes: Boxes) -> Fields:
     return Fields(phi, *boxes, np.zeros((len(boxes.start), 3, 2), np.int64))
 
 
-def prepare(phi: NDArray[np.floating], boxes: Boxes) -> Prepared:
+def prepare(phi: NDArray[np.floating], boxes: Boxes, period: Period | None = None) -> Prepared:
     """Share the cells out between threads, and find what part of its box each fills."""
     shares = shared_out(boxes.shape)
     fields = placed(phi, boxes)
@@ -107,7 +116,12 @@ def prepare(phi: NDArray[np.floating], boxes: Boxes) -> Prepared:
         cubes=np.empty((shares.threads, longest), np.int64),
         pieces=np.empty((shares.threads, longest, 8)),
     )
-    return Prepared(shares, fields, work)
+    cell = np.arange(len(boxes.start))
+    if period is not None:
+        owner, origin = period.images(boxes, 1)
+        cell = np.concatenate([cell, owner])
+        fields = Fields(phi, *with_images(boxes, owner, origin), fields.extent[cell])
+    return Prepared(shares, fields, work, cell)
 
 
 def pair_areas(
@@ -140,23 +154,37 @@ def side_areas(
         What j covers of i, of all pairs, and then what i covers of j.
     touched : (N,) float64, see `pair_areas`
     """
-    fields = prepared.fields
+    fields, count = prepared.fields, prepared.count
     low, high = fields.origin + fields.extent[:, :, 0], fields.origin + fields.extent[:, :, 1]
     pairs = overlapping(low - 1, high + 1)  # from the cubes of one in reach of the other
     both = np.concatenate([pairs, pairs[:, ::-1]])
+    both = both[both[:, 0] < count]  # what images touch, their cells do
     order = np.lexsort((both[:, 1], both[:, 0]))
     neighbours = Neighbours(
-        start=np.searchsorted(both[order, 0], np.arange(len(fields.start) + 1)),
-        cell=both[order, 1],
+        start=np.searchsorted(both[order, 0], np.arange(count + 1)), cell=both[order, 1]
     )
-    found, touched = np.zeros(len(order)), np.zeros(len(fields.start))
+    found, touched = np.zeros(len(order)), np.zeros(count)
     contacts(
         prepared.shares, fields, SURFACE_LEVEL, NEIGHBOUR_LEVEL, neighbours, prepared.work, found,
         touched,
     )  # fmt: skip
     sides = np.zeros(len(order))
     sides[order] = found
+    if len(fields.start) > count:
+        pairs, sides = _of_cells(prepared.cell[both], sides)
     return pairs, sides, touched
+
+
+def _of_cells(both: Integers, areas: NDArray[np.float64]) -> tuple[Integers, NDArray[np.float64]]:
+    """Pairs and sides of cells, of what each covers of a cell by itself and by its images.
+
+    A cell that touches its own image is in no pair.
+    """
+    others = both[:, 0] != both[:, 1]
+    both, areas = both[others], areas[others]
+    pairs, place = np.unique(np.sort(both, axis=1), axis=0, return_inverse=True)
+    place = place.reshape(-1) + np.where(both[:, 0] < both[:, 1], 0, len(pairs))
+    return pairs, np.bincount(place, areas, 2 * len(pairs))
 
 
 def overlapping(low: Integers, high: Integers) -> Integers:

@@ -24,6 +24,7 @@ from morphosim.measure.contacts import (
 )
 from morphosim.measure.surfaces import SURFACE
 from morphosim.measure.variable import PER_CELL, measured
+from morphosim.period import Period
 
 Real = NDArray[np.float64]
 MATRIX = np.array([[8, 11, 12], [11, 9, 13], [12, 13, 10]])
@@ -47,7 +48,8 @@ class Measurement:
     spacing : float
         Lattice step, µm.
     origin : (N, 3) int64
-        Lattice position of the first point of each box.
+        Lattice position of the first point of each box; in periodic space where it would be had it
+        not been carried back.
     moments : (N, N_MOMENTS) float64
         Sums of the kernel `moments`, in lattice steps.
     surfaces : (2, N) float64
@@ -140,7 +142,10 @@ class Measurement:
         return _ellipsoids(self.moments, self.spacing)
 
 
-def measure(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Measurement:
+def measure(
+    phi: NDArray[np.floating], boxes: Boxes, spacing: float, *, period: Period | None = None,
+    path: NDArray[np.int64] | None = None,
+) -> Measurement:  # fmt: skip
     """Measure all cells, on as many threads as Numba is set to use.
 
     Parameters
@@ -151,6 +156,10 @@ def measure(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Measurem
         Where they lie; what of a row is not in the band is taken to be 0.
     spacing : float
         Lattice step, µm.
+    period : Period, optional
+        After which space repeats: cells then touch images of others too.
+    path : (N, 3) int64, optional
+        Origins by which centroids are told, if not those of the boxes.
 
     Raises
     ------
@@ -158,12 +167,12 @@ def measure(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Measurem
         `spacing` is not positive.
     """
     _validate.number("spacing", spacing, above=0)
-    prepared = prepare(phi, boxes)
+    prepared = prepare(phi, boxes, period)
     pairs, contact_area, touched = pair_areas(prepared, spacing)
     return Measurement(
         spacing=spacing,
-        origin=np.array(boxes.origin),  # the pool's own changes with the next step
-        moments=_moments(prepared.shares, prepared.fields),
+        origin=np.array(boxes.origin if path is None else path),  # the pool's own will change
+        moments=_moments(prepared.shares, prepared.fields)[: prepared.count],
         surfaces=_surfaces(prepared, SURFACE, spacing),
         contact_surface=_surfaces(prepared, SURFACE_LEVEL, spacing)[0],
         touched=touched,
@@ -172,9 +181,12 @@ def measure(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Measurem
     )
 
 
-def centroids(phi: NDArray[np.floating], boxes: Boxes, spacing: float) -> Real:
+def centroids(
+    phi: NDArray[np.floating], boxes: Boxes, spacing: float, path: NDArray[np.int64] | None = None
+) -> Real:
     """Centroids alone, (N, 3) µm; parameters as for `measure`."""
-    return _centroids(boxes.origin, _moments(shared_out(boxes.shape), placed(phi, boxes)), spacing)
+    found = _moments(shared_out(boxes.shape), placed(phi, boxes))
+    return _centroids(boxes.origin if path is None else path, found, spacing)
 
 
 def centroids_and_axes(fields: Sequence[CellField], spacing: float) -> tuple[Real, Real]:
@@ -191,7 +203,7 @@ def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
 
 def _surfaces(prepared: Prepared, level: float, spacing: float) -> Real:
     """(2, N) areas of the surfaces φ = `level` in µm², and volumes inside them in µm³."""
-    found = np.zeros((len(prepared.fields.start), 2))
+    found = np.zeros((prepared.count, 2))
     surfaces(prepared.shares, prepared.fields, level, prepared.work, found)
     return np.stack([found[:, 0] * spacing**2, found[:, 1] * spacing**3])
 

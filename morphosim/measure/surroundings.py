@@ -11,6 +11,7 @@ from morphosim.kernels.moments import N_MOMENTS, moments
 from morphosim.kernels.surfaces import surfaces
 from morphosim.measure.contacts import SURFACE_LEVEL, Prepared, prepare, side_areas
 from morphosim.measure.measurement import MATRIX
+from morphosim.period import Period
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -33,6 +34,10 @@ class Surroundings:
         Lattice step, µm.
     depth : function of x, y, z, optional
         Depth below the walls in µm; None in open space.
+    period : Period, optional
+        After which space repeats.
+    path : (N, 3) int64, optional
+        Origins by which centroids are told, if not those of the boxes.
 
     Attributes
     ----------
@@ -43,13 +48,23 @@ class Surroundings:
     def __init__(
         self, phi: NDArray[np.floating], boxes: Boxes, spacing: float,
         depth: Callable[[Floats, Floats, Floats], Floats] | None,
+        period: Period | None = None, path: Integers | None = None,
     ) -> None:  # fmt: skip
         self._phi, self._boxes, self._spacing, self._depth = phi, boxes, spacing, depth
-        self.centroid: Floats = (boxes.origin + self._centre(0)) * spacing
+        self._period, origin = period, boxes.origin if path is None else path
+        self.centroid: Floats = (origin + self._centre(0)) * spacing
+
+    def between(self, cell: Integers, other: Integers) -> Floats:
+        """(Q, 3) vectors from the centroids of cells to those of others, µm.
+
+        In periodic space they are the shortest ones.
+        """
+        vectors = self.centroid[other] - self.centroid[cell]
+        return vectors if self._period is None else self._period.shortest(vectors, self._spacing)
 
     @cached_property
     def _prepared(self) -> Prepared:
-        return prepare(self._phi, self._boxes)
+        return prepare(self._phi, self._boxes, self._period)
 
     @cached_property
     def _moments(self) -> Floats:

@@ -50,6 +50,12 @@ class DistributedSimulation(Simulation):
     def _make_engine(self) -> Engine:
         """Engine of which this rank has a share; it has all that a simulation asks for."""
         scene = self.scene
+        if any(scene.period):
+            message = (
+                "scene.period: periodic space is not shared out among MPI ranks; run the scene in "
+                "one process, with threads"
+            )
+            raise ValueError(message)
         agreed(world(), lambda: None)  # a rank that cannot get here tells the others by this
         engine = DistributedEngine(
             world(), scene.physics, scene.numerics, scene.confinement, scene.columns

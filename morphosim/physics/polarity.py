@@ -286,7 +286,7 @@ class Polarity(Term):
 
     def _contacts(self, cells: CellTable, step: Step, around: Surroundings) -> Floats:
         cell, neighbour, _ = around.contacts
-        away = directions.unit(around.centroid[cell] - around.centroid[neighbour])
+        away = directions.unit(around.between(neighbour, cell))
         return _summed(around, away)
 
     def _attractant(self, cells: CellTable, step: Step, around: Surroundings) -> Floats:

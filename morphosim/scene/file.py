@@ -32,6 +32,7 @@ from morphosim.scene.values import plain
 
 _SCALARS = (
     "name", "description", "duration", "save_every", "save_fields", "save_labels", "on_vanish",
+    "period",
 )  # fmt: skip
 _TABLES = ("physics", "numerics", "confinement", "cells", "stages")
 
@@ -251,6 +252,8 @@ def scene_table(scene: Scene) -> dict[str, Any]:
     """
     _check_partitions(scene)
     table: dict[str, Any] = {key: plain(getattr(scene, key)) for key in _SCALARS}
+    if not any(scene.period):
+        del table["period"]
     table["physics"] = physics_in_file(scene.physics)
     table["numerics"] = plain(numerics_table(scene.numerics))
     if scene.confinement is not None:

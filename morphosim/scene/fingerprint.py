@@ -38,6 +38,8 @@ def settings(scene: Scene) -> dict[str, Any]:
     if scene.physics.terms:
         terms = [_or_nothing(term_table, term) for term in scene.physics.terms]
         said["physics"] = said["physics"] | {"terms": terms}
+    if any(scene.period):
+        said["period"] = list(scene.period)
     if scene.confinement is not None:
         walls = scene.confinement
         said["confinement"] = _or_nothing(table_of, walls, CONFINEMENTS, "confinement")

@@ -21,6 +21,8 @@ from morphosim.scene.rehearsal import Rehearsal, rehearse
 from morphosim.scene.stages import Stage
 
 ON_VANISH = ("stop", "remove", "ignore")
+SHORTEST = 8
+"""Least length of a period, in lattice steps."""
 SAVE_FIELDS = ("packed", "exact", "none")
 
 
@@ -35,6 +37,9 @@ class Scene:
     numerics : Numerics
     confinement : Confinement or None
         None is open space.
+    period : (3,)
+        Lengths in µm after which space repeats along x, y and z, from 0 on; 0 where it does not.
+        Each is a multiple of the spacing.
     duration : float
         *In silico* time at which a run ends.
     save_every : float
@@ -60,6 +65,7 @@ class Scene:
     physics: Physics = field(default_factory=Physics)
     numerics: Numerics = field(default_factory=Numerics)
     confinement: Confinement | None = None
+    period: ArrayLike = (0.0, 0.0, 0.0)
     duration: float = 100.0
     save_every: float = 100.0
     save_fields: str = "packed"
@@ -81,6 +87,7 @@ class Scene:
         _validate.instance("scene.physics", self.physics, Physics)
         _validate.instance("scene.numerics", self.numerics, Numerics)
         _check_confinement("scene.confinement", self.confinement)
+        object.__setattr__(self, "period", _checked_period(self.period, self.numerics.spacing))
         _validate.label("scene.name", self.name, empty=True)
         _validate.text("scene.description", self.description)
         _validate.unique("cell name", self.names)
@@ -117,6 +124,9 @@ class Scene:
             "numerics": f"{numerics.step_text}, spacing {numerics.spacing:g} µm, {S}"
             f", {', '.join(dict.fromkeys((numerics.scheme, numerics.active_solver)))}",
             "confinement": type(self.confinement).__name__ if self.confinement else "open space",
+            "period": " x ".join(f"{v:g}" if v else "-" for v in self.period) + " µm"
+            if any(self.period)
+            else "",
             "duration": f"{self.duration:g}, a save every {self.save_every:g}",
             "stages": _shown.listed([stage.name for stage in self.stages]),
         }
@@ -301,6 +311,22 @@ def _check_confinement(name: str, value: Any) -> None:
         message = f"{name} = {_validate.brief(value)} is not a confinement (with field, depth and "
         message += "bounds), nor None"
         raise TypeError(message)
+
+
+def _checked_period(period: ArrayLike, spacing: float) -> tuple[float, ...]:
+    """The lengths as numbers; ValueError unless each is 0 or a multiple of the spacing."""
+    lengths = _validate.vector("scene.period", period)
+    for axis, length in zip("xyz", lengths.tolist(), strict=True):
+        steps = length / spacing
+        if length < 0 or (length and (steps < SHORTEST or abs(steps - round(steps)) > 1e-6)):
+            near = max(round(steps), SHORTEST) * spacing
+            message = (
+                f"scene.period = {length:g} along {axis} is not allowed: it must be 0, or at least "
+                f"{SHORTEST * spacing:g} and a multiple of numerics.spacing = {spacing:g}; "
+                f"{near:.6g} is one"
+            )
+            raise ValueError(message)
+    return tuple(lengths.tolist())
 
 
 def power_cells(

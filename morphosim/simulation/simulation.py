@@ -20,6 +20,7 @@ from morphosim.errors import (
     warn,
 )
 from morphosim.numerics.parameters import MOST_STEPS, MOST_TICKS, PARTS
+from morphosim.period import Period
 from morphosim.progress import Tell, silent
 from morphosim.runs.checkpoint import Checkpoint
 from morphosim.runs.identity import Identity
@@ -176,7 +177,8 @@ class Simulation(State):
     def _make_engine(self) -> Engine:
         """Engine without cells."""
         scene = self.scene
-        return Engine(scene.physics, scene.numerics, scene.confinement, scene.columns)
+        period = Period.of(scene.period, scene.numerics.spacing)
+        return Engine(scene.physics, scene.numerics, scene.confinement, scene.columns, period)
 
     def _start(self) -> None:
         """Begin with the cells of the scene."""
