@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import netCDF4
 import numpy as np
@@ -16,6 +16,7 @@ from morphosim.engine.engine import Engine
 from morphosim.kernels.noise import normal_vectors
 from morphosim.kernels.rows import BLOCK, RIM
 from morphosim.numerics.parameters import Numerics
+from morphosim.period import Period
 from morphosim.physics.parameters import Physics
 
 H = 0.5
@@ -81,6 +82,7 @@ def make_engine(
     frozen: Sequence[int] = (),
     shell: object = None,
     physics: dict | None = None,
+    period: ArrayLike = (0, 0, 0),
     **numerics: object,
 ) -> Engine:
     """Engine of cells "0", "1", … in double precision on one thread, unless told otherwise.
@@ -89,7 +91,10 @@ def make_engine(
     """
     n = len(fields)
     chosen = {"precision": "double", "threads": 1, "spacing": H} | numerics
-    engine = Engine(Physics(**(physics or {})), Numerics.preset("published", **chosen), shell)
+    repeats = Period.of(period, float(cast(float, chosen["spacing"])))
+    engine = Engine(
+        Physics(**(physics or {})), Numerics.preset("published", **chosen), shell, period=repeats
+    )
     engine._accuracy._measure = lambda *_: None
     columns = {
         "name": [str(i) for i in range(n)],
