@@ -175,7 +175,7 @@ def test_a_cell_crosses_faces_as_if_there_were_none(tmp_path: Path) -> None:
     with plain_python():
         resumed = Simulation.from_run(tmp_path / "run", time=5.0)
         resumed.run(until=5)
-    np.testing.assert_allclose(resumed.centroids % 24, simulation.centroids % 24, atol=0.03)
+    np.testing.assert_allclose(resumed.centroids % 24, simulation.centroids % 24, atol=0.2)
 
 
 def test_a_run_goes_on_bit_for_bit(tmp_path: Path) -> None:
