@@ -261,14 +261,14 @@ def records(
     n = len(parts[0][1]) if count is None else count
     for force, values in parts:
         _check(force, values, dtype, n)
-    forces = [(force.name, force.compiled, force.wants_second) for force, _ in parts]
     widths = [values.shape[1] for _, values in parts]
-    name, function, second = forces[0]
-    for k, (other, compiled, wants) in enumerate(forces[1:], 1):
-        function, second = _both(function, second, sum(widths[:k]), compiled, wants)
-        name = f"{name}_{sum(widths[:k])}_{other}"
+    (force, _), *others = parts
+    name, function = force.name, _with_second(force)
+    for k, (other, _) in enumerate(others, 1):
+        place = sum(widths[:k])
+        name, function = f"{name}_{place}_{other.name}", _both(function, place, _with_second(other))
     if name not in _KNOWN:
-        _KNOWN[name] = function, second
+        _KNOWN[name] = function, any(each.wants_second for each, _ in parts)
     result = np.zeros(n, [(name, dtype, (sum(widths),))])
     fill(result, [values for _, values in parts])
     return result
@@ -363,47 +363,29 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _both(
-    first: Any, first_wants: bool, place: int, other: Any, other_wants: bool
-) -> tuple[Any, bool]:
-    """Sum of two functions, and whether it takes second derivatives.
+def _with_second(force: PointForce) -> Any:
+    """Its compiled function, of seven arguments; one of six does not look at the seventh."""
+    function = force.compiled
+    if force.wants_second:
+        return function
 
-    The values of the other begin at `place`.
-    """
-    options: dict[str, Any] = {
-        "error_model": "numpy", "fastmath": set(FAST_MATH), "forceinline": True
-    }  # fmt: skip
-    if not first_wants and not other_wants:
-
-        @numba.njit(**options)
-        def both(values, phi, gx, gy, gz, laplacian):
-            return first(values, phi, gx, gy, gz, laplacian) + other(
-                values[place:], phi, gx, gy, gz, laplacian
-            )
-
-        return both, False
-    first, other = (
-        function if wants else _with_second(function, options)
-        for function, wants in ((first, first_wants), (other, other_wants))
-    )
-
-    @numba.njit(**options)
-    def both_with_second(values, phi, gx, gy, gz, laplacian, second):
-        return first(values, phi, gx, gy, gz, laplacian, second) + other(
-            values[place:], phi, gx, gy, gz, laplacian, second
-        )
-
-    return both_with_second, True
-
-
-def _with_second(function: Any, options: dict[str, Any]) -> Any:
-    """The same, given second derivatives that it does not look at."""
-
-    @numba.njit(**options)
+    @numba.njit(error_model="numpy", fastmath=set(FAST_MATH), forceinline=True)
     def alike(values, phi, gx, gy, gz, laplacian, second):
         return function(values, phi, gx, gy, gz, laplacian)
 
     return alike
+
+
+def _both(first: Any, place: int, other: Any) -> Any:
+    """Sum of two functions; the values of the other begin at `place`."""
+
+    @numba.njit(error_model="numpy", fastmath=set(FAST_MATH), forceinline=True)
+    def both(values, phi, gx, gy, gz, laplacian, second):
+        return first(values, phi, gx, gy, gz, laplacian, second) + other(
+            values[place:], phi, gx, gy, gz, laplacian, second
+        )
+
+    return both
 
 
 def wanted_second(points: Any, phi: Any, p: Any, sx: Any, sy: Any, stencil: Any) -> Any:
@@ -429,9 +411,8 @@ def force_at_point(
 ) -> Any:
     """Force of all point functions on cell i."""
     (name,) = points.dtype.names
-    function, wants = _KNOWN[name]
-    function = getattr(function, "py_func", function)
-    return function(points[i][name], phi, gx, gy, gz, laplacian, *([second] if wants else []))
+    function = _KNOWN[name][0].py_func
+    return function(points[i][name], phi, gx, gy, gz, laplacian, second)
 
 
 @overload(force_at_point, jit_options={"forceinline": True})
@@ -440,11 +421,7 @@ def _typed_force_at_point(points, i, phi, gx, gy, gz, laplacian, second):  # as 
     if isinstance(points, types.NoneType):
         return lambda points, i, phi, gx, gy, gz, laplacian, second: phi
     (name,) = points.dtype.fields
-    function, wants = _KNOWN[name]
-    if wants:
-        return lambda points, i, phi, gx, gy, gz, laplacian, second: function(
-            points[i][name], phi, gx, gy, gz, laplacian, second
-        )
+    function, _ = _KNOWN[name]
     return lambda points, i, phi, gx, gy, gz, laplacian, second: function(
-        points[i][name], phi, gx, gy, gz, laplacian
+        points[i][name], phi, gx, gy, gz, laplacian, second
     )

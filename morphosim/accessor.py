@@ -24,6 +24,7 @@ from morphosim.runs.reader import read_run
 from morphosim.runs.saved_fields import (
     SavedBoxes,
     each_field,
+    period,
     save_count,
     saved_boxes,
     spacing,
@@ -513,8 +514,9 @@ class MorphoAccessor:
 
     def _made_labels(self, save: int) -> NDArray[np.int32]:
         """Label image of a save from its fields."""
-        boxes = saved_boxes(self._run, save)
-        labels = labels_within(each_field(self._run, save), boxes.low, boxes.extent)
+        boxes, repeats = saved_boxes(self._run, save), period(self._run)
+        fields = each_field(self._run, save)
+        labels = labels_within(fields, *block(self._run, save), period=repeats)
         return np.asarray(np.append(0, boxes.cell + 1).astype(np.int32)[labels])
 
     def _box(self, cell: str, save: int) -> tuple[SavedBoxes, int]:

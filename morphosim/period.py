@@ -5,6 +5,7 @@ Beyond the faces cells act as *images*: boxes at other places with the same valu
 kernels know nothing of periods, and sums and contacts count images as they count cells.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -67,6 +68,20 @@ class Period:
         length = int(self.lengths[axis])
         most = int(end[axis] - first[axis]) // length if length else 0
         return range(-most, most + 1)
+
+    def block(self, low: Integers, shape: Integers) -> tuple[Integers, Integers]:
+        """First point and shape of a block, or along axes that repeat those of one period."""
+        repeats = self.lengths > 0
+        return np.where(repeats, 0, low), np.where(repeats, self.lengths, shape)
+
+    def cuts(self, axis: int, first: int, count: int) -> Iterator[tuple[slice, slice]]:
+        """Parts of points [first, first + count) along an axis: in the period, and of them."""
+        length, at = int(self.lengths[axis]), 0
+        while at < count:
+            place = (first + at) % length if length else first + at
+            part = min(count - at, length - place) if length else count
+            yield slice(place, place + part), slice(at, at + part)
+            at += part
 
     def shortest(self, vectors: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
         """(n, 3) vectors in µm, each to or from the nearest image."""

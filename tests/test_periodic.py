@@ -31,9 +31,12 @@ from morphosim import (
     open_run,
     save_scene,
 )
+from morphosim.cell_field import CellField
 from morphosim.engine.engine import Engine
 from morphosim.kernels.layout import Boxes
 from morphosim.kernels.rows import whole_rows
+from morphosim.measure.label_image import label_image
+from morphosim.measure.tissue import periodic_pair_correlation
 from morphosim.period import Period, with_images
 from morphosim.scene.ends import Duration
 from morphosim.scene.fingerprint import settings
@@ -229,6 +232,29 @@ def test_files_and_states_say_it(tmp_path: Path) -> None:
     save_scene(replace(scene, period=(0, 0, 0)), tmp_path / "open.toml")
     assert "period" not in (tmp_path / "open.toml").read_text(encoding="utf-8")
     assert "10 x 10 x - µm" in repr(replace(scene, period=(10, 10, 0)))
+
+
+def test_a_label_image_is_one_period() -> None:
+    """Of a cell over a face and one within, and of a whole axis that does not repeat."""
+    box = np.ones((4, 3, 2))
+    fields = [CellField("a", np.array([8, 0, -1]), box), CellField("b", np.array([3, 1, 2]), box)]
+    origin, labels = label_image(fields, period=Period(np.array([10, 0, 6])))
+    assert origin.tolist() == [0, 0, 0]
+    assert labels.shape == (10, 4, 6)
+    first = {(x, y, z) for x in (8, 9, 0, 1) for y in (0, 1, 2) for z in (5, 0)}
+    second = {(x, y, z) for x in (3, 4, 5, 6) for y in (1, 2, 3) for z in (2, 3)}
+    for number, expected in ((1, first), (2, second)):
+        assert set(map(tuple, np.argwhere(labels == number).tolist())) == expected
+
+
+def test_pairs_over_faces_count() -> None:
+    points = np.random.default_rng(2).uniform(-50, 100, (4000, 3))
+    edges = np.linspace(0, 12, 7)
+    g, pairs = periodic_pair_correlation(points, (20.0, 30.0, 25.0), edges)
+    np.testing.assert_allclose(g[:5], 1, atol=4 / np.sqrt(pairs[:5].min()))
+    assert np.isnan(g[5])  # beyond 10
+    near = np.array([[0.5, 0, 0], [19.5, 0, 0]])
+    assert periodic_pair_correlation(near, (20.0,) * 3, edges)[1].tolist() == [1, 0, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("period", [(10.3, 0, 0), (0, -10, 0), (0, 0, 3), (np.nan, 0, 0), (10, 10)])

@@ -1,11 +1,14 @@
 """Label images: which cell is where."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
+from morphosim.period import Period
 from morphosim.provenance import check_memory
 
 INSIDE = 0.5
@@ -16,7 +19,7 @@ POINT_BYTES = 8
 
 
 def label_image(
-    fields: Sequence[CellField], *, filled: bool = False
+    fields: Sequence[CellField], *, filled: bool = False, period: Period | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Image of the lattice around all boxes: 0 outside, else 1 + the place of the cell in `fields`.
 
@@ -27,6 +30,8 @@ def label_image(
     filled
         Whether points between cells, where no φ exceeds 0.5 but the sum of all does, belong to the
         cell of largest φ too. Cells in contact then have no gap, as in a segmented image.
+    period
+        After which space repeats: the image is one period along these axes.
 
     Returns
     -------
@@ -44,7 +49,9 @@ def label_image(
         raise ValueError(message)
     low = np.min([f.origin for f in fields], axis=0)
     shape = np.max([f.origin + f.phi.shape for f in fields], axis=0) - low
-    return low, labels_within(fields, low, shape, filled=filled)
+    if period is not None:
+        low, shape = period.block(low, shape)
+    return low, labels_within(fields, low, shape, filled=filled, period=period)
 
 
 def labels_within(
@@ -53,8 +60,9 @@ def labels_within(
     shape: NDArray[np.int64],
     *,
     filled: bool = False,
+    period: Period | None = None,
 ) -> NDArray[np.int32]:
-    """Label image of the block of this first point and shape, which holds all boxes.
+    """Label image of the block of this first point and shape, which holds all boxes or a period.
 
     Each field is looked at once, so that they need not all be in memory; see `label_image`.
     """
@@ -63,17 +71,28 @@ def labels_within(
     largest = np.full(shape, 0 if filled else INSIDE, np.float32)
     total = np.zeros(shape if filled else 0, np.float32)
     for label, field in enumerate(fields, 1):
-        place = tuple(
-            slice(a, a + n) for a, n in zip(field.origin - low, field.phi.shape, strict=True)
-        )
-        mine = field.phi > largest[place]
-        labels[place][mine] = label
-        np.maximum(largest[place], field.phi, out=largest[place])
-        if filled:
-            total[place] += field.phi
+        for place, part in _parts(field, low, period):
+            mine = part > largest[place]
+            labels[place][mine] = label
+            np.maximum(largest[place], part, out=largest[place])
+            if filled:
+                total[place] += part
     if filled:
         labels[total <= INSIDE] = 0
     return labels
+
+
+def _parts(
+    field: CellField, low: NDArray[np.int64], period: Period | None
+) -> Iterator[tuple[tuple[slice, ...], NDArray[Any]]]:
+    """Where a field lies in a block, and its values; in parts, where it lies over faces."""
+    first = field.origin - low
+    if period is None:
+        yield tuple(slice(a, a + n) for a, n in zip(first, field.phi.shape, strict=True)), field.phi
+        return
+    cuts = (period.cuts(axis, int(first[axis]), n) for axis, n in enumerate(field.phi.shape))
+    for cut in product(*cuts):
+        yield tuple(goal for goal, _ in cut), field.phi[tuple(source for _, source in cut)]
 
 
 def check_size(shape: NDArray[np.int64], advice: str, point_bytes: int = POINT_BYTES) -> None:

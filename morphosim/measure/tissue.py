@@ -1,5 +1,6 @@
 """Statistics of tissues: the region that cells fill, and how their centres lie in it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,6 +164,27 @@ def pair_correlation(region: Region, edges: Real) -> tuple[Real, NDArray[np.int6
     expected = np.diff(within) * count * (count - 1) / 2 / region.volume
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(pairs / np.where(expected > 0, expected, np.nan)), pairs
+
+
+def periodic_pair_correlation(
+    points: Real, lengths: Sequence[float], edges: Real
+) -> tuple[Real, NDArray[np.int64]]:
+    """Pair correlation of centres (N, 3) in space that repeats after these lengths, µm.
+
+    Of each pair the nearest images count; beyond half the shortest length it is NaN. Otherwise as
+    `pair_correlation`.
+    """
+    from scipy.spatial import cKDTree
+
+    count, sides = len(points), np.asarray(lengths, float)
+    tree = cKDTree(points % sides, boxsize=sides)
+    known = edges <= sides.min() / 2
+    within = np.where(known, tree.count_neighbors(tree, np.where(known, edges, 0.0)), 0)
+    inside = known[1:]
+    pairs = np.where(inside, np.diff(within) // 2, 0)
+    shells = np.diff(4 / 3 * np.pi * edges**3)
+    expected = shells * count * (count - 1) / 2 / sides.prod()
+    return np.where(inside & (expected > 0), pairs / np.maximum(expected, 1e-300), np.nan), pairs
 
 
 def binned(values: Real, places: Real, edges: Real) -> tuple[Real, Real, NDArray[np.int64]]:

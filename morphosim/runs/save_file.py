@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from morphosim._parts import Joined, Made
 from morphosim.measure.label_image import label_image
 from morphosim.measure.variable import Variable
+from morphosim.period import Period
 from morphosim.provenance import processor, versions
 from morphosim.runs.measured_state import MeasuredState, variables
 from morphosim.runs.merge import MATRIX, Save, shortened
@@ -152,6 +153,7 @@ def provenance(simulation: Observed) -> dict[str, Any]:
         "numerics": json.dumps(numerics_table(scene.numerics)),
         "S": simulation.S,
         "confinement": repr(scene.confinement),
+        **({"period_um": json.dumps(list(scene.period))} if any(scene.period) else {}),
         "versions": json.dumps(versions()),
         "machine": processor(),
         "threads": simulation.threads,
@@ -202,7 +204,9 @@ def _fields(state: MeasuredState, packed: bool) -> Values:
 
 
 def _labels(state: MeasuredState) -> Values:
-    origin, labels = label_image(state.fields)
+    scene = state.simulation.scene
+    period = Period.of(scene.period, scene.numerics.spacing)
+    origin, labels = label_image(state.fields, period=period)
     return {
         "label_size": [labels.size],
         "label_time": [0],

@@ -1,5 +1,6 @@
 """Fields of a run: which boxes belong to a save, and their values."""
 
+import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
+from morphosim.period import Period
 from morphosim.provenance import check_memory
 
 CLOSE = 1e-6
@@ -42,6 +44,17 @@ def variable(run: xr.Dataset, name: str, *dimensions: str) -> xr.DataArray:
         )
         raise ValueError(message)
     return run[name]
+
+
+def period(run: xr.Dataset) -> Period | None:
+    """After which space repeats; None where it does not."""
+    lengths = period_lengths(run)
+    return Period.of(lengths, spacing(run)) if any(lengths) else None
+
+
+def period_lengths(run: xr.Dataset) -> tuple[float, ...]:
+    """Lengths in µm after which space repeats along x, y, z; 0 where it does not."""
+    return tuple(json.loads(run.attrs.get("period_um", "[0.0, 0.0, 0.0]")))
 
 
 def spacing(run: xr.Dataset) -> float:

@@ -8,8 +8,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from morphosim import _validate
-from morphosim.measure.tissue import Region, binned, pair_correlation, pieces, tissue_region
-from morphosim.runs.saved_fields import variable
+from morphosim.measure.tissue import (
+    Region,
+    binned,
+    pair_correlation,
+    periodic_pair_correlation,
+    pieces,
+    tissue_region,
+)
+from morphosim.runs.saved_fields import period_lengths, variable
 from morphosim.runs.views import contact_places
 
 Real = NDArray[np.float64]
@@ -57,8 +64,11 @@ def pair_correlations(
     edges = np.linspace(0, _validate.number("furthest", furthest, above=0), bins + 1)
     g, pairs = np.full((len(saves), bins), np.nan), np.zeros((len(saves), bins), np.int64)
     for k, save in enumerate(saves):
-        region, _ = _region(run, save)
-        if region is not None:
+        region, cells = _region(run, save)
+        if _repeats(run):
+            points = variable(run, "centroid", "time", "cell", "axis")[save].values[cells]
+            g[k], pairs[k] = periodic_pair_correlation(points, period_lengths(run), edges)
+        elif region is not None:
             g[k], pairs[k] = pair_correlation(region, edges)
     return _dataset(
         _along(run, saves) | _middles("distance", edges, "distance of two centres"),
@@ -153,14 +163,23 @@ def _region(run: xr.Dataset, save: int) -> tuple[Region | None, Integers]:
     centroids = variable(run, "centroid", "time", "cell", "axis")[save].values
     volumes = variable(run, "volume", "time", "cell")[save].values
     known = np.flatnonzero((volumes > 0) & np.isfinite(centroids).all(axis=1))
-    return tissue_region(centroids[known], volumes[known]), known
+    if _repeats(run):
+        return None, known
+    lengths = np.array(period_lengths(run))
+    turns = np.floor(centroids / np.where(lengths > 0, lengths, np.inf))
+    return tissue_region((centroids - turns * lengths)[known], volumes[known]), known
+
+
+def _repeats(run: xr.Dataset) -> bool:
+    """Whether space repeats along all axes, so that a tissue has no surface."""
+    return all(period_lengths(run))
 
 
 def _neighbour_counts(run: xr.Dataset, save: int, inner: bool, least_area: float) -> Integers:
     """Number of neighbours of each cell, or of those away from the free surface."""
     pairs, area = contact_places(run, save)
     counts = np.bincount(pairs[area >= least_area].ravel(), minlength=run.sizes["cell"])
-    if not inner:
+    if not inner or _repeats(run):
         volumes = variable(run, "volume", "time", "cell")[save].values
         return np.asarray(counts[np.isfinite(volumes)])
     region, cells = _region(run, save)

@@ -10,7 +10,14 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from morphosim.provenance import check_memory
-from morphosim.runs.saved_fields import SELECTION, SavedBoxes, check_saves, saved_boxes, variable
+from morphosim.runs.saved_fields import (
+    SELECTION,
+    SavedBoxes,
+    check_saves,
+    period,
+    saved_boxes,
+    variable,
+)
 
 
 def axes(low: Iterable[int], shape: Iterable[int], spacing: float) -> dict[str, xr.Variable]:
@@ -47,11 +54,15 @@ def read_labels(run: xr.Dataset, image: int) -> NDArray[np.int32]:
 
 
 def block(run: xr.Dataset, save: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First lattice point and shape of the block around all boxes of a save: its label image."""
+    """First lattice point and shape of the label image of a save.
+
+    It is the block around all boxes, or along axes that repeat one period.
+    """
     image = stored_image(run, save)
     if image is None:
         boxes = saved_boxes(run, save)
-        return boxes.low, boxes.extent
+        repeats = period(run)
+        return repeats.block(boxes.low, boxes.extent) if repeats else (boxes.low, boxes.extent)
     origin, shape = (
         variable(run, f"label_{name}", "image", "axis")[image].values.astype(np.int64)
         for name in ("origin", "shape")

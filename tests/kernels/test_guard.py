@@ -16,9 +16,10 @@ from morphosim.kernels._jit import FAST_MATH
 from .conftest import NEED_COMPILATION
 
 NOT_KERNELS = {
-    "frames.frame_shapes", "frames.frame_sizes", "points.point_force", "points.records",
-    "points.force_at_point", "rows.add_ends", "rows.beyond", "rows.fetch", "rows.whole_rows",
-    "rows.write_block", "sharing.equal_shares", "sharing.shares_of", "sharing.take",
+    "frames.frame_shapes", "frames.frame_sizes", "points.fill", "points.point_force",
+    "points.records", "points.force_at_point", "points.wanted_second", "rows.add_ends",
+    "rows.beyond", "rows.fetch", "rows.whole_rows", "rows.write_block", "sharing.equal_shares",
+    "sharing.shares_of", "sharing.take",
 }  # fmt: skip
 """Helpers of the host that belong beside the kernels, and functions that kernels have of their own
 form."""
