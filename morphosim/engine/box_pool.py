@@ -47,6 +47,8 @@ AT_ONCE = 64
 """Boxes that are laid together: until all are, they are held whole beside the pools."""
 SPARE = 32
 """A cell gets room for one more point per so many, as its band changes from step to step."""
+FEW, RESERVE = 64, 1.1
+"""Of fewer cells it is not known what more need; and how many times that is reserved."""
 MOST_FREE = 0.1
 """Share of the pools that may lie idle between boxes, before all boxes close ranks."""
 Integers = NDArray[np.int64]
@@ -132,6 +134,9 @@ class BoxPool:
         exceeds the tolerance.
     place : (rows,) int32
         Where the row lies in the pools; see `Boxes`.
+    expected : int
+        How many cells there will be, if that is known: pools then grow to what these need at once,
+        since memory counts as it is written to, and a copy counts twice.
     """
 
     def __init__(
@@ -146,7 +151,7 @@ class BoxPool:
         self.memory = memory
         self.low = self.high = np.zeros(0, np.int16)
         self.place = np.zeros(0, np.int32)
-        self._slots, self._rows = Slots(), Slots()
+        self._slots, self._rows, self.expected = Slots(), Slots(), 0
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -474,7 +479,8 @@ class BoxPool:
         self.row_start[cells] = [self._rows.take(n) for n in self._n_rows(cells).tolist()]
         if self._rows.end > len(self.place):
             self.low, self.high, self.place = (
-                _grown(values, self._rows.end) for values in (self.low, self.high, self.place)
+                _grown(values, self._rows.end, self._more)
+                for values in (self.low, self.high, self.place)
             )
 
     def _take(self, cells: Integers, sizes: Integers) -> None:
@@ -494,9 +500,14 @@ class BoxPool:
         self.room[cells] = rooms
         self.start[cells] = [self._slots.take(room) for room in rooms.tolist()]
         if self._slots.end > len(self.phi):
-            self.phi = _grown(self.phi, self._slots.end)
+            self.phi = _grown(self.phi, self._slots.end, self._more)
             if self.history is not None:
-                self.history = _grown(self.history, self._slots.end)
+                self.history = _grown(self.history, self._slots.end, self._more)
+
+    @property
+    def _more(self) -> float:
+        """How many times as many cells as now are expected."""
+        return self.expected / max(len(self), FEW)
 
     def _place(self, i: int, whole: bool) -> None:
         """Set where the rows of cell i lie: those of its whole box, or the spans of its band."""
@@ -530,12 +541,15 @@ def _one_after_the_other(sizes: Integers) -> tuple[Integers, int]:
     return np.asarray(ends - sizes), int(ends[-1]) if len(ends) else 0
 
 
-def _grown(pool: NDArray, size: int) -> NDArray:
-    """Copy of a pool with room for `size`, and half as much again if it was in use before.
+def _grown(pool: NDArray, size: int, more: float) -> NDArray:
+    """Copy of a pool with room for `size`, or more if it was in use before: half, or that expected.
 
     What is never written to takes no memory.
     """
-    room = size if len(pool) == 0 else size + size // 2
-    result = np.zeros((room, *pool.shape[1:]), pool.dtype)
+    room = size if len(pool) == 0 else int(size * max(1.5, RESERVE * more))
+    try:
+        result = np.zeros((room, *pool.shape[1:]), pool.dtype)
+    except MemoryError:  # where what is not written to counts
+        result = np.zeros((size + size // 8, *pool.shape[1:]), pool.dtype)
     result[: len(pool)] = pool
     return result

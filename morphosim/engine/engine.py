@@ -145,6 +145,10 @@ class Engine(CellView):
         turns = () if self.period is None else (box_pool.TURNS,)
         return (*COLUMNS, *turns, *self.further, *physics.columns)
 
+    def expect(self, cells: int) -> None:
+        """Say how many cells there will be at most, as far as is known."""
+        self.pool.expected = cells
+
     def start(self, values: Mapping[str, Any], types: Sequence[str], fields: Fields) -> None:
         """Begin with these cells.
 
@@ -433,7 +437,10 @@ class Engine(CellView):
         drifts = any(term.drifts for term in self._terms)
         differs = bool(self.physics.tau_by_type)
         self._acting_at_points = [term for term in self._terms if term.point is not None]
-        points = [(term.point, term.point_values(self.cells)) for term in self._acting_at_points]
+        points = [
+            (term.point, term.point_values(self.cells))
+            for term in self._terms if term.point is not None
+        ]  # fmt: skip
         return CellTerms(
             gamma=(tensions * self._mobility).astype(self.dtype),
             well=(4 * tensions * self.physics.c).astype(self.dtype),

@@ -184,7 +184,7 @@ def _of_cells(both: Integers, areas: NDArray[np.float64]) -> tuple[Integers, NDA
     both, areas = both[others], areas[others]
     pairs, place = np.unique(np.sort(both, axis=1), axis=0, return_inverse=True)
     place = place.reshape(-1) + np.where(both[:, 0] < both[:, 1], 0, len(pairs))
-    return pairs, np.bincount(place, areas, 2 * len(pairs))
+    return pairs, np.asarray(np.bincount(place, areas, 2 * len(pairs)), np.float64)
 
 
 def overlapping(low: Integers, high: Integers) -> Integers:

@@ -165,6 +165,10 @@ class DistributedEngine(GatheredView):
         with self.local.limited_threads():
             yield
 
+    def expect(self, cells: int) -> None:
+        """See `Engine`; each rank has about the same share."""
+        self.local.expect(-(-cells // self.comm.size))
+
     def settle(self) -> None:
         """See `Engine`; here the next step does it, when all ranks hold their ghost cells."""
 

@@ -147,4 +147,4 @@ class AxialTension(Term):
 
 def _most_added(chis: list[float]) -> float:
     """Share of γΔφ that is added at most: along p where p·n = 0, or across it where p·n = 1."""
-    return max(max(chi, 1 / np.sqrt(1 + chi) - 1) for chi in chis)
+    return float(max(max(chi, 1 / np.sqrt(1 + chi) - 1) for chi in chis))

@@ -65,7 +65,7 @@ class Scene:
     physics: Physics = field(default_factory=Physics)
     numerics: Numerics = field(default_factory=Numerics)
     confinement: Confinement | None = None
-    period: ArrayLike = (0.0, 0.0, 0.0)
+    period: Sequence[float] = (0.0, 0.0, 0.0)
     duration: float = 100.0
     save_every: float = 100.0
     save_fields: str = "packed"

@@ -131,6 +131,7 @@ class Simulation(State):
         warm_first(scene)
         self.engine = self._make_engine()
         self.engine.targets = self._set_targets
+        self.engine.expect(scene.most_cells)
         if state is None:
             self._start()
         else:

@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from numpy.typing import NDArray
 
 from morphosim.cell_table import CellTable
-from morphosim.engine.box_pool import COLUMNS, MOST_FREE, BoxPool, Slots
+from morphosim.engine.box_pool import COLUMNS, MOST_FREE, BoxPool, Slots, _grown
 from morphosim.kernels.boxes import N_SURVEYED, TOTAL
 from morphosim.kernels.layout import Limits
 from morphosim.kernels.rows import BLOCK, N_SPANS, n_listed
@@ -225,3 +225,15 @@ def part(first: NDArray[np.int64], shape: tuple[int, ...]) -> tuple[slice, ...]:
 
 TestPools = Pools.TestCase
 TestPools.settings = settings(max_examples=settings().max_examples // 2, stateful_step_count=20)
+
+
+def test_pools_grow_at_once_to_what_is_expected() -> None:
+    held = np.arange(4.0)
+    assert len(_grown(np.zeros(0), 8, 50.0)) == 8  # the first cells may be all
+    assert len(_grown(held, 8, 1.0)) == 12
+    wide = _grown(held, 8, 50.0)
+    assert len(wide) == 440
+    np.testing.assert_array_equal(wide[:5], [0, 1, 2, 3, 0])
+    counted = new_pool(band_only=True)
+    counted.expected = 640
+    assert counted._more == 10
