@@ -274,7 +274,7 @@ def records(
     return result
 
 
-def fill(points: np.ndarray, values: Sequence[np.ndarray]) -> None:
+def fill(points: Any, values: Sequence[np.ndarray]) -> None:
     """Set the values of all forces, (N, K) each, in the order of their `records`."""
     (name,) = points.dtype.names
     points[name] = np.concatenate(values, axis=1)
@@ -332,7 +332,7 @@ def _compile(force: PointForce, name: str, dtype: np.dtype) -> None:
     if numba.config.DISABLE_JIT:
         return
     number = numba.from_dtype(dtype)
-    second = [types.UniTuple(number, SECOND)] if force.wants_second else []
+    second = [types.containers.UniTuple(number, SECOND)] if force.wants_second else []
     signature = (types.Array(number, 1, "C"), *(number,) * 5, *second)
     compiled = force.compiled
     try:

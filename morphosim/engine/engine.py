@@ -436,7 +436,6 @@ class Engine(CellView):
         n = len(self)
         drifts = any(term.drifts for term in self._terms)
         differs = bool(self.physics.tau_by_type)
-        self._acting_at_points = [term for term in self._terms if term.point is not None]
         points = [
             (term.point, term.point_values(self.cells))
             for term in self._terms if term.point is not None
@@ -500,8 +499,9 @@ class Engine(CellView):
                     f"{error}"
                 )
                 raise TermError(message, time=step.time, cell="") from error
-        if any(term.point_varies for term in self._acting_at_points):
-            fill(values.points, [term.point_values(self.cells) for term in self._acting_at_points])
+        if any(term.point_varies for term in self._terms):
+            acting = (term for term in self._terms if term.point is not None)
+            fill(values.points, [term.point_values(self.cells) for term in acting])
         values.pressure[:] = forces.pressure
         if values.drift is not None:
             values.drift[:] = forces.drift

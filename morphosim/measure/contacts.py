@@ -76,7 +76,7 @@ class Prepared(NamedTuple):
     """Cell of each field."""
 
     @property
-    def count(self) -> int:
+    def cells(self) -> int:
         """Number of cells."""
         return len(self.cell) if not len(self.cell) else int(self.cell.max()) + 1
 
@@ -154,7 +154,7 @@ def side_areas(
         What j covers of i, of all pairs, and then what i covers of j.
     touched : (N,) float64, see `pair_areas`
     """
-    fields, count = prepared.fields, prepared.count
+    fields, count = prepared.fields, prepared.cells
     low, high = fields.origin + fields.extent[:, :, 0], fields.origin + fields.extent[:, :, 1]
     pairs = overlapping(low - 1, high + 1)  # from the cubes of one in reach of the other
     both = np.concatenate([pairs, pairs[:, ::-1]])

@@ -172,7 +172,7 @@ def measure(
     return Measurement(
         spacing=spacing,
         origin=np.array(boxes.origin if path is None else path),  # the pool's own will change
-        moments=_moments(prepared.shares, prepared.fields)[: prepared.count],
+        moments=_moments(prepared.shares, prepared.fields)[: prepared.cells],
         surfaces=_surfaces(prepared, SURFACE, spacing),
         contact_surface=_surfaces(prepared, SURFACE_LEVEL, spacing)[0],
         touched=touched,
@@ -203,7 +203,7 @@ def measure_fields(fields: Sequence[CellField], spacing: float) -> Measurement:
 
 def _surfaces(prepared: Prepared, level: float, spacing: float) -> Real:
     """(2, N) areas of the surfaces φ = `level` in µm², and volumes inside them in µm³."""
-    found = np.zeros((prepared.count, 2))
+    found = np.zeros((prepared.cells, 2))
     surfaces(prepared.shares, prepared.fields, level, prepared.work, found)
     return np.stack([found[:, 0] * spacing**2, found[:, 1] * spacing**3])
 
