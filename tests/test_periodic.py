@@ -168,6 +168,7 @@ def test_a_cell_crosses_faces_as_if_there_were_none(tmp_path: Path) -> None:
         free.run()
     np.testing.assert_allclose(simulation.centroids, free.centroids, atol=1e-9)
     assert simulation.centroids[0, 2] < -1
+    np.testing.assert_allclose(simulation.errors.time, free.errors.time, rtol=1e-6, atol=1e-3)
     pool = simulation.engine.pool
     middle = pool.origin[0] + pool.shape[0] / 2
     assert (middle[[0, 2]] >= 0).all()

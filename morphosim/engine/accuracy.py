@@ -230,7 +230,7 @@ class Accuracy:
     ) -> None:
         """Begin with cells that have no history, and note when cells have begun."""
         begin(
-            schedule.shares, schedule.order, cells["fresh"], pool.phi, pool.boxes,
+            schedule.shares, schedule.order, cells["fresh"], pool.phi, pool.path_boxes,
             self._numerics.spacing, step, time, cells["error_place"], cells["error_speed"],
             cells["error_clock"],
         )  # fmt: skip
@@ -293,8 +293,8 @@ class Accuracy:
         else:
             self._find_lags(dt)
         look(
-            schedule.shares, schedule.order, pool.phi, pool.boxes, self._numerics.spacing, step,
-            time, self._lags, self._places, cells["error_place"], cells["error_speed"],
+            schedule.shares, schedule.order, pool.phi, pool.path_boxes, self._numerics.spacing,
+            step, time, self._lags, self._places, cells["error_place"], cells["error_speed"],
             cells["error_time"], cells["error_clock"],
         )  # fmt: skip
         lags[cells["error_clock"][:, TIME] == time] = 0

@@ -227,6 +227,11 @@ class BoxPool:
         )
 
     @property
+    def path_boxes(self) -> Boxes:
+        """Layout by `path`: where the cells' places are followed."""
+        return self.boxes._replace(origin=self.path)
+
+    @property
     def stored(self) -> Boxes:
         """Layout of all that is held, be it in the band or not; valid until a step or a move."""
         if self.band_only:
