@@ -31,6 +31,10 @@ PROGRAMS = (
 SHORT_RUN = "--until 4 --save-every 2"
 """What `morphosim run SCENE -o DIR` gets besides, if nothing else is said below."""
 
+SMALL_EGG = (
+    "--set cells.count=60 --set confinement.semi_axes=[24,20,20] --set confinement.core=[14,10,10] "
+    "--until 4"
+)
 INSTEAD = {
     "morphosim run SCENE --from runs/embryo --time 500 -o NEW": "morphosim run celegans-8 --from "
     "runs/embryo --time 2 --until 4 -o NEW",
@@ -44,9 +48,13 @@ INSTEAD = {
     "mpirun -n 4 morphosim run SCENE -o DIR --mpi": "mpirun -n 2 morphosim run SCENE -o DIR --mpi "
     + SHORT_RUN,
     "mpirun -n 8 morphosim run --resume DIR --mpi": "mpirun -n 1 morphosim run --resume DIR --mpi",
-    "morphosim run blastoderm -o runs/blastoderm": "morphosim run blastoderm -o runs/blastoderm "
-    "--set cells.count=60 --set confinement.semi_axes=[24,20,20] --set confinement.core=[14,10,10] "
-    "--until 4",
+    **{
+        command: f"{command} {SMALL_EGG}"
+        for command in (
+            "morphosim run blastoderm -o runs/blastoderm",
+            "morphosim run blastoderm --save-every 100 -o RUN",
+        )
+    },
     "morphosim warm": "morphosim warm --help",
     "morphosim warm SCENE": "morphosim warm SCENE --help",
     "morphosim warm mine.toml --preset fast": "morphosim warm mine.toml --preset fast --help",
