@@ -47,6 +47,7 @@ KINDS: list[tuple[str, dict[str, Any]]] = [
     ("celegans-8", {"numerics.solver": "band"}),
     ("celegans-8", {"numerics.scheme": "euler", "numerics.dt": 0.05}),
     ("celegans-8", {"numerics.precision": "double", "physics.kappa": 1.0}),
+    ("sorting", {"period": [162.0, 162.0, 0], "numerics.spacing": 0.6}),
 ]
 
 

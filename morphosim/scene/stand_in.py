@@ -25,6 +25,8 @@ SPACING, DT, RADIUS = 1.0, 0.2, 2.8
 """Of the lattice and the cells, µm, and of steps."""
 APART, GROWTH = 1.6, 4.0
 """Distance between neighbours in radii, and target volume in volumes at the start."""
+REPEATS = 40
+"""Lattice steps after which space repeats, where it does in the scene."""
 FEW = 2
 """Cells at least, if the scene has so many."""
 GRID, WIDEST = 41, 1000.0
@@ -73,6 +75,7 @@ def stand_in(scene: Scene) -> StandIn:
     small = replace(
         scene, cells=_small(chosen, _deepest(scene.confinement)), stages=(), duration=100.0,
         physics=scene.physics.among(names, types), save_every=100.0, name="", description="",
+        period=[REPEATS * SPACING * (length > 0) for length in scene.period],
         numerics=replace(
             scene.numerics, spacing=SPACING, dt=DT, allow_coarse=True, threads=1, seed=0
         ),
