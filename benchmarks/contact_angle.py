@@ -8,9 +8,9 @@ of the tension of a flat interface at the same wall, in one dimension. A minute;
 import sys
 
 import numpy as np
+from _spheres import fitted_sphere, surface_points
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
-from skimage.measure import marching_cubes
 
 from morphosim import BoxWalls, Cell, Numerics, Physics, Scene, Simulation, Sphere, WallAdhesion
 from morphosim.physics.confinement_repulsion import wall_repulsion
@@ -70,11 +70,9 @@ def angle_at_rest(sigma_wall: float, radius: float) -> float:
     )
     simulation.run(until=REST * radius**2)
     (field,) = simulation.fields
-    surface = (marching_cubes(field.phi, 0.5)[0] + np.array(field.origin)) * NUMERICS.spacing
-    top = surface[surface[:, 2] > CLEAR]
-    system = np.column_stack([2 * top, np.ones(len(top))])
-    *center, rest = np.linalg.lstsq(system, (top**2).sum(axis=1), rcond=None)[0]
-    return float(np.degrees(np.arccos(-center[2] / np.sqrt(rest + np.dot(center, center)))))
+    surface = surface_points(field, NUMERICS.spacing)
+    center, own_radius = fitted_sphere(surface[surface[:, 2] > CLEAR])
+    return float(np.degrees(np.arccos(-center[2] / own_radius)))
 
 
 def angle_of_a_large_cell(sigma_wall: float) -> float:

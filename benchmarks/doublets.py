@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 from _common import arguments, report
+from _spheres import fitted_sphere, surface_points
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.optimize import brentq
-from skimage.measure import marching_cubes
 
 from morphosim import Attraction, Cell, Numerics, Physics, Scene, Simulation, Sphere
 
@@ -106,11 +106,8 @@ def angle_at_rest(tensions: tuple[float, float], sigma: float, radius: float) ->
     simulation.run(until=REST * radius**2)
     spheres = []
     for field, side, middle in zip(simulation.fields, (-1, 1), simulation.centroids, strict=True):
-        surface = (marching_cubes(field.phi, 0.5)[0] + np.array(field.origin)) * NUMERICS.spacing
-        end = surface[side * (surface[:, 0] - middle[0]) > -0.2 * radius]
-        system = np.column_stack([2 * end, np.ones(len(end))])
-        *center, rest = np.linalg.lstsq(system, (end**2).sum(axis=1), rcond=None)[0]
-        spheres.append((np.array(center), np.sqrt(rest + np.dot(center, center))))
+        surface = surface_points(field, NUMERICS.spacing)
+        spheres.append(fitted_sphere(surface[side * (surface[:, 0] - middle[0]) > -0.2 * radius]))
     (one, r), (other, s) = spheres
     cosine = (r**2 + s**2 - ((one - other) ** 2).sum()) / (2 * r * s)
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

@@ -74,11 +74,8 @@ class Prepared(NamedTuple):
     work: Work
     cell: Integers
     """Cell of each field."""
-
-    @property
-    def cells(self) -> int:
-        """Number of cells."""
-        return len(self.cell) if not len(self.cell) else int(self.cell.max()) + 1
+    cells: int
+    """Number of cells."""
 
 
 def pack(fields: Sequence[CellField]) -> tuple[NDArray[np.floating], Boxes]:
@@ -121,7 +118,7 @@ def prepare(phi: NDArray[np.floating], boxes: Boxes, period: Period | None = Non
         owner, origin = period.images(boxes, 1)
         cell = np.concatenate([cell, owner])
         fields = Fields(phi, *with_images(boxes, owner, origin), fields.extent[cell])
-    return Prepared(shares, fields, work, cell)
+    return Prepared(shares, fields, work, cell, len(boxes.start))
 
 
 def pair_areas(
