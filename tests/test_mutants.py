@@ -1,24 +1,18 @@
 """`benchmarks/mutants.toml`: its faults fit the code, and the tests that it names are there."""
 
-import runpy
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from mutants import read_table
 
 ROOT = Path(__file__).resolve().parents[1]
-BENCHMARKS = ROOT / "benchmarks"
 
 
 @pytest.fixture(scope="module")
 def mutants() -> list[Any]:
     """All faults."""
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        return list(runpy.run_path(str(BENCHMARKS / "mutants.py"))["read_table"]())
-    finally:
-        sys.path.remove(str(BENCHMARKS))
+    return list(read_table())
 
 
 def test_each_fault_can_be_put_into_its_file(mutants: list[Any]) -> None:

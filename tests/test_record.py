@@ -6,9 +6,9 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import _history
 import pytest
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
@@ -22,15 +22,6 @@ Path(path).write_text(json.dumps({"machine": machine, "rows": [row], "told": opt
 """
 """A benchmark that takes no time."""
 Run = Callable[..., subprocess.CompletedProcess]
-
-
-@pytest.fixture
-def history(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """`benchmarks/_history.py`, which is in no package."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    import _history
-
-    return _history
 
 
 @pytest.fixture
@@ -211,28 +202,28 @@ def step(number: int, milliseconds: float, **others: Any) -> dict[str, Any]:
     return entry(number, "step", [row], **others)
 
 
-def test_entries_are_never_overwritten(history: ModuleType, tmp_path: Path) -> None:
+def test_entries_are_never_overwritten(tmp_path: Path) -> None:
     one = step(1, 5.0)
-    path = history.append(tmp_path / "new", one)
+    path = _history.append(tmp_path / "new", one)
     with pytest.raises(FileExistsError):
-        history.append(tmp_path / "new", one | {"options": ["--other"]})
-    assert history.entries(tmp_path / "new") == [one]
+        _history.append(tmp_path / "new", one | {"options": ["--other"]})
+    assert _history.entries(tmp_path / "new") == [one]
     lines = path.read_text(encoding="utf-8").splitlines()
     assert sum('"ms per step"' in line for line in lines) == 1
     assert len(lines) < 20
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"benchmark": "step"}'])
-def test_a_file_that_is_no_entry_is_named(history: ModuleType, tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_no_entry_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(ValueError, match=r"bad\.json is no entry of the history"):
-        history.entries(tmp_path)
+        _history.entries(tmp_path)
 
 
-def test_ratios_of_pairs_are_multiplied_from_commit_to_commit(history: ModuleType) -> None:
+def test_ratios_of_pairs_are_multiplied_from_commit_to_commit() -> None:
     elsewhere = compared(2, 3, 0.25)
     elsewhere["result"]["machine"] = {"cpu": "another"}
-    (course,), unknown = history.courses([compared(1, 2, 0.5), elsewhere, compared(1, 4, 2.0)])
+    (course,), unknown = _history.courses([compared(1, 2, 0.5), elsewhere, compared(1, 4, 2.0)])
     assert unknown == []
     assert (course.what, course.label) == ("time of a step", "8 cells, band, 1 thread")
     assert [int(point.commit, 16) for point in course.points] == [1, 2, 3, 4]
@@ -241,63 +232,61 @@ def test_ratios_of_pairs_are_multiplied_from_commit_to_commit(history: ModuleTyp
     assert (last.low, last.high) == pytest.approx((1.8, 2.2))
 
 
-def test_memory_of_few_cells_is_not_followed(history: ModuleType) -> None:
+def test_memory_of_few_cells_is_not_followed() -> None:
     pair = compared(1, 2, 0.5)
     (row,) = pair["result"]["rows"]
     sizes = [(8, 9.0), (100, 1.0)]
     pair["result"]["rows"] = [row | {"cells": n, "after, MB per cell": mb} for n, mb in sizes]
-    found, _ = history.courses([pair])
+    found, _ = _history.courses([pair])
     (course,) = (course for course in found if course.what == "memory per cell")
     assert course.label == "100 cells, band, 1 thread"
     assert [point.ratio for point in course.points] == [1, 0.5]
 
 
-def test_a_pair_of_unknown_commits_is_told(history: ModuleType) -> None:
+def test_a_pair_of_unknown_commits_is_told() -> None:
     lost = compared(5, 6, 0.5)
-    (course,), unknown = history.courses([compared(1, 2, 0.5), lost])
-    assert unknown == [history.name(lost)]
+    (course,), unknown = _history.courses([compared(1, 2, 0.5), lost])
+    assert unknown == [_history.name(lost)]
     assert len(course.points) == 2
 
 
-def test_figures_are_compared_on_like_machines_with_like_options(history: ModuleType) -> None:
+def test_figures_are_compared_on_like_machines_with_like_options() -> None:
     other = step(3, 8.0)
     other["result"]["machine"]["cpu"] = "two"
     measured = [
         step(1, 4.0), step(2, 2.0), other, step(4, 9.0, options=["--cells", "9"]),
         step(5, 1.0, uncommitted=["kernels/step.py"]), step(6, 1.0, others=1.7),
     ]  # fmt: skip
-    times = [c for c in history.courses(measured)[0] if c.what == "time of a step"]
+    times = [c for c in _history.courses(measured)[0] if c.what == "time of a step"]
     assert [[p.ratio for p in course.points] for course in times] == [[1, 0.5], [1], [1]]
-    assert [history.went_on(course) for course in times] == [True, False, False]
+    assert [_history.went_on(course) for course in times] == [True, False, False]
 
 
-def test_of_a_busy_machine_only_ratios_of_pairs_are_drawn(history: ModuleType) -> None:
+def test_of_a_busy_machine_only_ratios_of_pairs_are_drawn() -> None:
     measured = [
         step(1, 4.0, others=0.2), step(2, 2.0, others=0.1), step(3, 1.0, others=None),
         compared(1, 2, 0.5, others=1.9),
     ]  # fmt: skip
-    single, _, pair = history.courses(measured)[0]
+    single, _, pair = _history.courses(measured)[0]
     assert [(int(p.commit, 16), p.ratio, p.busy) for p in single.points] == [
         (2, 1, False), (3, 0.5, False)
     ]  # fmt: skip
     assert [point.busy for point in pair.points] == [True, True]
 
 
-def test_commits_stand_in_the_order_in_which_they_were_made(history: ModuleType) -> None:
-    found = history.commits([step(4, 1.0), compared(3, 1, 1.0), step(2, 1.0)])
+def test_commits_stand_in_the_order_in_which_they_were_made() -> None:
+    found = _history.commits([step(4, 1.0), compared(3, 1, 1.0), step(2, 1.0)])
     assert [int(commit, 16) for commit in found] == [1, 2, 3, 4]
 
 
-def test_the_history_can_be_drawn(
-    history: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_history_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import _pictures
 
     figures = []
     monkeypatch.setattr(_pictures.plt, "close", figures.append)
     measured = [compared(1, 2, 0.5, others=1.0), step(2, 4.0), step(3, 2.0)]
-    drawn = [course for course in history.courses(measured)[0] if history.went_on(course)]
-    _pictures.history_picture(drawn, history.commits(measured), tmp_path / "history.png")
+    drawn = [course for course in _history.courses(measured)[0] if _history.went_on(course)]
+    _pictures.history_picture(drawn, _history.commits(measured), tmp_path / "history.png")
     assert (tmp_path / "history.png").stat().st_size > 10_000
     (figure,) = figures
     titles = [axes.get_title(loc="left") for axes in figure.axes]
@@ -309,11 +298,11 @@ def test_the_history_can_be_drawn(
         assert list(axes.lines[0].get_ydata()) == ratios
 
 
-def test_what_is_in_the_history_has_the_figures_that_are_followed(history: ModuleType) -> None:
-    kept = history.entries(BENCHMARKS / "history")
+def test_what_is_in_the_history_has_the_figures_that_are_followed() -> None:
+    kept = _history.entries(BENCHMARKS / "history")
     assert {entry["benchmark"] for entry in kept} >= {"compare"}
-    found, unknown = history.courses(kept)
+    found, unknown = _history.courses(kept)
     assert unknown == []
-    assert any(history.went_on(course) for course in found)
-    for figure in {figure for entry in kept for figure in history.FIGURES[entry["benchmark"]]}:
+    assert any(_history.went_on(course) for course in found)
+    for figure in {figure for entry in kept for figure in _history.FIGURES[entry["benchmark"]]}:
         assert any(course.what == figure.what for course in found), figure

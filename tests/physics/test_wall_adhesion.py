@@ -1,8 +1,8 @@
 """Adhesion to walls: contact angles by the balance of tensions; types, files, runs, errors."""
 
-import runpy
 from pathlib import Path
 
+import contact_angle
 import numpy as np
 import pytest
 
@@ -25,8 +25,6 @@ from morphosim import (
 from morphosim.scene.fingerprint import settings
 from morphosim.scene.stability import check, explicit_rates
 
-ROOT = Path(__file__).parents[2]
-CONTACT = runpy.run_path(str(ROOT / "benchmarks" / "contact_angle.py"))
 COARSE = pytest.mark.filterwarnings("ignore::morphosim.errors.ResolutionWarning")
 """For cells that go far along a wall at h = 0.5 µm."""
 
@@ -46,15 +44,15 @@ def scene(adhesion: WallAdhesion, radius: float = 3.0, walls: object = None) -> 
 
 @COARSE
 def test_contact_angles_are_those_of_the_balance_of_tensions() -> None:
-    expected = CONTACT["balanced_angle"](0.8)
+    expected = contact_angle.balanced_angle(0.8)
     assert 115 < expected < 125
-    np.testing.assert_allclose(CONTACT["angle_of_a_large_cell"](0.8), expected, atol=1.0)
+    np.testing.assert_allclose(contact_angle.angle_of_a_large_cell(0.8), expected, atol=1.0)
 
 
 def test_the_balance_of_tensions_in_its_limits() -> None:
     """No adhesion: a ball; strong adhesion: half of one. Both are known without a calculation."""
-    np.testing.assert_allclose(CONTACT["balanced_angle"](0.0), 180, atol=1.0)
-    np.testing.assert_allclose(CONTACT["balanced_angle"](4.0), 90, atol=0.5)
+    np.testing.assert_allclose(contact_angle.balanced_angle(0.0), 180, atol=1.0)
+    np.testing.assert_allclose(contact_angle.balanced_angle(4.0), 90, atol=0.5)
 
 
 @COARSE
