@@ -11,7 +11,12 @@ import numpy as np
 
 from morphosim.kernels._jit import entry, inline_kernel, kernel
 from morphosim.kernels.frames import strides
-from morphosim.kernels.points import force_at_point, wanted_second
+from morphosim.kernels.points import (
+    begin_of_block,
+    force_at_point,
+    place_in_block,
+    wanted_second,
+)
 from morphosim.kernels.rows import BLOCK, FRAME, STRETCH
 from morphosim.kernels.stencils import derivative, weighted_neighbours
 
@@ -30,11 +35,11 @@ def gradient(phi, p, sx, sy, stencil):
 @inline_kernel()
 def force(
     phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure, dx, dy, dz,
-    points, i, use_repulsion,
+    points, i, begin, j, use_repulsion,
 ):  # fmt: skip
-    """F of ∇φ and |∇φ| at point p of the frames, q of the stretches.
+    """F of ∇φ and |∇φ| at point p of the frames, q of the stretches, j of a block.
 
-    `well` is 4 γ c, `half` is 1/2 in phi's type.
+    `well` is 4 γ c, `half` is 1/2 in phi's type, and the block begins at `begin`; see `points`.
 
     W'(φ) = 4φ³ - 6φ² + 2φ = 4 (φ - φ²) (1/2 - φ).
     """
@@ -55,20 +60,22 @@ def force(
         around = weighted_neighbours(phi, p, sx, sy, sz, stencil.l1, stencil.l2, stencil.l3)
         laplacian = around + (stencil.l0 + stencil.l0 + stencil.l0) * value
         second = wanted_second(points, phi, p, sx, sy, stencil)
-        total += force_at_point(points, i, value, gx, gy, gz, laplacian, second)
+        place = place_in_block(points, begin, j)
+        total += force_at_point(points, i, value, gx, gy, gz, laplacian, second, place)
     return total
 
 
 @kernel()
 def blocks_right_hand_side(
     blocks, n, first, phi, psi, repulsion, history, rhs, memory, start, sx, sy, stencil, scheme,
-    well, half, pressure, dx, dy, dz, points, i, use_repulsion, mobility,
+    well, half, pressure, dx, dy, dz, points, i, origin, use_repulsion, mobility,
 ):  # fmt: skip
     """`right_hand_side` of the blocks given; the cell's history begins at `first`."""
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
     for k in range(n):
         at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
         kept = np.uint64(first + blocks[STRETCH, k])
+        begin = begin_of_block(points, i, origin, at, sx, sy)
         for j in range(np.uint64(BLOCK)):
             p, q = at + j, place + j
             value = phi[p]
@@ -76,7 +83,7 @@ def blocks_right_hand_side(
             slope = np.sqrt(gx * gx + gy * gy + gz * gz)
             total = force(
                 phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure,
-                dx, dy, dz, points, i, use_repulsion,
+                dx, dy, dz, points, i, begin, j, use_repulsion,
             )  # fmt: skip
             if mobility is not None:
                 total *= mobility
@@ -120,5 +127,5 @@ def right_hand_side(
     blocks_right_hand_side(
         blocks, n, boxes.start[i], phi, psi, repulsion, history, rhs, memory, start,
         np.uint64(sx), np.uint64(sy), stencil, scheme, terms.well[i], half, terms.pressure[i], dx,
-        dy, dz, terms.points, i, use_repulsion, entry(terms.mobility, i, 0),
+        dy, dz, terms.points, i, boxes.origin, use_repulsion, entry(terms.mobility, i, 0),
     )  # fmt: skip

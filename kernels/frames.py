@@ -53,6 +53,16 @@ def frame_index(x, y, z, sx, sy):
     return LEAD + (x + HALO) * sx + (y + HALO) * sy + z
 
 
+@inline_kernel()
+def box_point(p, sx, sy):
+    """Point (x, y, z) of the box that has the index p in the frame."""
+    rest = np.int64(p) - LEAD
+    x = rest // np.int64(sx)
+    rest -= x * np.int64(sx)
+    y = rest // np.int64(sy)
+    return x - HALO, y - HALO, rest - y * np.int64(sy)
+
+
 @kernel()
 def frame_size(i, boxes):
     """Length of cell i's frame."""

@@ -32,6 +32,7 @@ from morphosim.kernels.boxes import (
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import force, gradient
 from morphosim.kernels.frames import copy_row, strides
+from morphosim.kernels.points import begin_of_block
 from morphosim.kernels.rows import (
     BLOCK,
     FRAME,
@@ -62,13 +63,14 @@ MISSED, MOVED, SQUARE, N_CHANGES = 0, 1, 2, 3
 @kernel()
 def blocks_residual(
     blocks, n, first, phi, psi, repulsion, last, rhs, slopes, damping, sx, sy, stencil, rate, well,
-    half, pressure, dx, dy, dz, points, i, use_repulsion, mobility,
+    half, pressure, dx, dy, dz, points, i, origin, use_repulsion, mobility,
 ):  # fmt: skip
     """F - τ/δt (φ* - φⁿ), |∇φ*| and D of the blocks given; the cell begins at `first` in `last`."""
     three = half + half + half + half + half + half
     for k in range(n):
         at, place = np.uint64(blocks[FRAME, k]), np.uint64(blocks[STRETCH, k])
         before = np.uint64(first + blocks[STRETCH, k])
+        begin = begin_of_block(points, i, origin, at, sx, sy)
         for j in range(np.uint64(BLOCK)):
             p, q = at + j, place + j
             value = phi[p]
@@ -76,7 +78,7 @@ def blocks_residual(
             slope = np.sqrt(gx * gx + gy * gy + gz * gz)
             total = force(
                 phi, gx, gy, gz, slope, psi, repulsion, p, q, sx, sy, stencil, well, half, pressure,
-                dx, dy, dz, points, i, use_repulsion,
+                dx, dy, dz, points, i, begin, j, use_repulsion,
             )  # fmt: skip
             local = well * (half - three * (value - value * value))
             if use_repulsion is not None:
@@ -119,8 +121,8 @@ def residual(
     blocks_residual(
         blocks, n, boxes.start[i], frames[PHI], psi, stretches[R], phi, stretches[RHS],
         stretches[SLOPE], stretches[DAMPING], np.uint64(sx), np.uint64(sy), stencil, rate,
-        terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i, use_repulsion,
-        entry(terms.mobility, i, 0),
+        terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i, boxes.origin,
+        use_repulsion, entry(terms.mobility, i, 0),
     )  # fmt: skip
     sums_of(
         stretch_length(i, boxes, False), stretches[RHS], stretches[SLOPE], stretches[DAMPING], sums

@@ -1,11 +1,11 @@
 """Forces that a user's own compiled function computes at each point.
 
 The function is f(values, phi, gx, gy, gz, laplacian), with the values of the cell, φ, ∇φ and Δφ at
-the point in the type of the fields, or f(…, laplacian, second) with all second derivatives. It
-reaches the kernels by the type of an argument: the cells' values are records whose only field is
-named after the function (`records`), and the kernels, which are compiled for that type, inline the
-function known by that name. So compiled kernels are cached on disk as all
-others are, and a function that is changed has another name.
+the point in the type of the fields, f(…, laplacian, second) with all second derivatives, or
+f(…, second, place) with where the point is. It reaches the kernels by the type of an argument: the
+cells' values are records whose only field is named after the function (`records`), and the kernels,
+which are compiled for that type, inline the function known by that name. So compiled kernels are
+cached on disk as all others are, and a function that is changed has another name.
 """
 
 import dis
@@ -25,33 +25,34 @@ from numba.core import types
 from numba.extending import overload
 
 from morphosim.kernels._jit import FAST_MATH
+from morphosim.kernels.frames import box_point
 from morphosim.kernels.stencils import second_derivatives
 
-_KNOWN: dict[str, tuple[Any, bool]] = {}
-"""Compiled functions by the name of their field, and whether they take second derivatives."""
+_KNOWN: dict[str, tuple[Any, int]] = {}
+"""Compiled functions by the name of their field, and how many arguments the greediest takes."""
 _CHECKED: set[tuple[str, str, int]] = set()
 """Name, type of the fields and number of values of the forces that `_check` has seen."""
 _HELPERS: "WeakKeyDictionary[Any, str]" = WeakKeyDictionary()
 """Digests of the compiled functions that forces call."""
 SECOND = 6
 """Second derivatives: xx, yy, zz, xy, xz, yz."""
-ARGUMENTS = 6
-"""How many arguments such a function has without second derivatives."""
+ARGUMENTS, WITH_SECOND, WITH_PLACE = 6, 7, 8
+"""How many arguments such a function has: the least, and with each that it may take besides."""
 _BY_NAME = {"builtins", "cmath", "math", "numba", "numpy"}
 """Packages whose functions are known by their names."""
 
 
 class PointForce:
-    """A compiled function f(values, phi, gx, gy, gz, laplacian[, second]); see `point_force`."""
+    """A compiled function f(values, phi, gx, gy, gz, laplacian[, second[, place]])."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
         self._compiled: dict[str, Any] = {}
 
     @property
-    def wants_second(self) -> bool:
-        """Whether it takes second derivatives."""
-        return len(inspect.signature(self.function).parameters) == ARGUMENTS + 1
+    def arguments(self) -> int:
+        """How many arguments it takes."""
+        return len(inspect.signature(self.function).parameters)
 
     @property
     def name(self) -> str:
@@ -82,16 +83,18 @@ def point_force(function: Callable[..., Any]) -> PointForce:
 
     Parameters
     ----------
-    function : f(values, phi, gx, gy, gz, laplacian) or f(…, laplacian, second)
-        `values` are the cell's, indexed from 0; the others are numbers, and `second`, if it is
-        taken, the second derivatives of φ by xx, yy, zz, xy, xz, yz. Numba compiles it into the
-        force kernel: take arithmetic and NumPy functions of numbers only. `values` have the type of
-        the fields, constants in the function are double, which costs speed in single precision.
+    function : f(values, phi, gx, gy, gz, laplacian), f(…, second) or f(…, second, place)
+        `values` are the cell's, indexed from 0; the others are numbers. `second`, if it is taken,
+        are the second derivatives of φ by xx, yy, zz, xy, xz, yz; `place` is the point's lattice
+        position x, y, z: times the spacing it is in µm. Numba compiles the function into the force
+        kernel: take arithmetic and NumPy functions of numbers only. `values` and the others have
+        the type of the fields, constants in the function are double, which costs speed in single
+        precision.
 
     Raises
     ------
     ValueError
-        The function does not take these six or seven arguments, or takes from outside what is
+        The function does not take these six to eight arguments, or takes from outside what is
         neither numbers nor arrays nor functions.
     """
     if not inspect.isfunction(getattr(function, "py_func", function)):
@@ -100,10 +103,11 @@ def point_force(function: Callable[..., Any]) -> PointForce:
     function = getattr(function, "py_func", function)
     parameters = inspect.signature(function).parameters.values()
     some = any(p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD) for p in parameters)
-    if some or len(parameters) not in (ARGUMENTS, ARGUMENTS + 1):
+    if some or not ARGUMENTS <= len(parameters) <= WITH_PLACE:
         message = (
             f"{function.__qualname__}({', '.join(map(str, parameters))}) is no force at a point; "
-            "it must take (values, phi, gx, gy, gz, laplacian), or second after these"
+            "it must take (values, phi, gx, gy, gz, laplacian), or after these second, or second "
+            "and place"
         )
         raise ValueError(message)
     force = PointForce(function)
@@ -263,12 +267,12 @@ def records(
         _check(force, values, dtype, n)
     widths = [values.shape[1] for _, values in parts]
     (force, _), *others = parts
-    name, function = force.name, _with_second(force)
+    name, function = force.name, _with_all(force)
     for k, (other, _) in enumerate(others, 1):
-        place = sum(widths[:k])
-        name, function = f"{name}_{place}_{other.name}", _both(function, place, _with_second(other))
+        first = sum(widths[:k])
+        name, function = f"{name}_{first}_{other.name}", _both(function, first, _with_all(other))
     if name not in _KNOWN:
-        _KNOWN[name] = function, any(each.wants_second for each, _ in parts)
+        _KNOWN[name] = function, max(each.arguments for each, _ in parts)
     result = np.zeros(n, [(name, dtype, (sum(widths),))])
     fill(result, [values for _, values in parts])
     return result
@@ -305,8 +309,8 @@ def _check(force: Any, values: Any, dtype: np.dtype, count: int) -> None:
 def _try(force: PointForce, name: str, row: np.ndarray) -> None:
     """Raise ValueError if the plain function fails with small numbers, or gives no number."""
     arguments: list[Any] = [row.dtype.type(value) for value in (0.5, 0.1, 0.1, 0.1, 0.1)]
-    if force.wants_second:
-        arguments.append((arguments[-1],) * SECOND)
+    more = ((arguments[-1],) * SECOND, (arguments[-1],) * 3)
+    arguments += more[: force.arguments - ARGUMENTS]
     try:
         with np.errstate(all="ignore"):
             result = force(row, *arguments)
@@ -332,8 +336,9 @@ def _compile(force: PointForce, name: str, dtype: np.dtype) -> None:
     if numba.config.DISABLE_JIT:
         return
     number = numba.from_dtype(dtype)
-    second = [types.containers.UniTuple(number, SECOND)] if force.wants_second else []
-    signature = (types.Array(number, 1, "C"), *(number,) * 5, *second)
+    more = [types.containers.UniTuple(number, count) for count in (SECOND, 3)]
+    more = more[: force.arguments - ARGUMENTS]
+    signature = (types.Array(number, 1, "C"), *(number,) * 5, *more)
     compiled = force.compiled
     try:
         compiled.compile(signature)
@@ -363,65 +368,119 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _with_second(force: PointForce) -> Any:
-    """Its compiled function, of seven arguments; one of six does not look at the seventh."""
-    function = force.compiled
-    if force.wants_second:
+def _with_all(force: PointForce) -> Any:
+    """Its compiled function, of eight arguments; those that it does not take it does not see."""
+    function, options = force.compiled, {"error_model": "numpy", "fastmath": set(FAST_MATH)}
+    if force.arguments == WITH_PLACE:
         return function
 
-    @numba.njit(error_model="numpy", fastmath=set(FAST_MATH), forceinline=True)
-    def alike(values, phi, gx, gy, gz, laplacian, second):
-        return function(values, phi, gx, gy, gz, laplacian)
+    if force.arguments == WITH_SECOND:
+
+        @numba.njit(forceinline=True, **options)
+        def alike(values, phi, gx, gy, gz, laplacian, second, place):
+            return function(values, phi, gx, gy, gz, laplacian, second)
+
+    else:
+
+        @numba.njit(forceinline=True, **options)
+        def alike(values, phi, gx, gy, gz, laplacian, second, place):
+            return function(values, phi, gx, gy, gz, laplacian)
 
     return alike
 
 
-def _both(first: Any, place: int, other: Any) -> Any:
-    """Sum of two functions; the values of the other begin at `place`."""
+def _both(first: Any, begin: int, other: Any) -> Any:
+    """Sum of two functions; the values of the other begin at `begin`."""
 
     @numba.njit(error_model="numpy", fastmath=set(FAST_MATH), forceinline=True)
-    def both(values, phi, gx, gy, gz, laplacian, second):
-        return first(values, phi, gx, gy, gz, laplacian, second) + other(
-            values[place:], phi, gx, gy, gz, laplacian, second
+    def both(values, phi, gx, gy, gz, laplacian, second, place):
+        return first(values, phi, gx, gy, gz, laplacian, second, place) + other(
+            values[begin:], phi, gx, gy, gz, laplacian, second, place
         )
 
     return both
 
 
-def wanted_second(points: Any, phi: Any, p: Any, sx: Any, sy: Any, stencil: Any) -> Any:
-    """Second derivatives at point p of a frame; None if no point function takes them."""
-    return second_derivatives(phi, p, sx, sy, stencil) if _wanted(points.dtype.names) else None
-
-
-def _wanted(names: Any) -> bool:
+def _wanted(names: Any) -> int:
+    """How many arguments the functions of these records want at most."""
     (name,) = names
     return _KNOWN[name][1]
+
+
+def wanted_second(points: Any, phi: Any, p: Any, sx: Any, sy: Any, stencil: Any) -> Any:
+    """Second derivatives at point p of a frame; None if no point function takes them."""
+    if points is None or _wanted(points.dtype.names) < WITH_SECOND:
+        return None
+    return second_derivatives(phi, p, sx, sy, stencil)
 
 
 @overload(wanted_second, jit_options={"forceinline": True})
 def _typed_wanted_second(points, phi, p, sx, sy, stencil):  # without types: as in `_jit`
     """Compute them if the function that the type of `points` names takes them."""
-    if isinstance(points, types.NoneType) or not _wanted(points.dtype.fields):
+    if isinstance(points, types.NoneType) or _wanted(points.dtype.fields) < WITH_SECOND:
         return lambda points, phi, p, sx, sy, stencil: None
     return lambda points, phi, p, sx, sy, stencil: second_derivatives(phi, p, sx, sy, stencil)
 
 
+def begin_of_block(points: Any, i: Any, origin: Any, p: Any, sx: Any, sy: Any) -> Any:
+    """Lattice position of point p of cell i's frame; None if no point function takes places."""
+    if points is None or _wanted(points.dtype.names) < WITH_PLACE:
+        return None
+    x, y, z = box_point(p, sx, sy)
+    return origin[i, 0] + x, origin[i, 1] + y, origin[i, 2] + z
+
+
+@overload(begin_of_block, jit_options={"forceinline": True})
+def _typed_begin_of_block(points, i, origin, p, sx, sy):  # as above
+    """Find it if the function that the type of `points` names takes places."""
+    if isinstance(points, types.NoneType) or _wanted(points.dtype.fields) < WITH_PLACE:
+        return lambda points, i, origin, p, sx, sy: None
+
+    def found(points, i, origin, p, sx, sy):
+        x, y, z = box_point(p, sx, sy)
+        return origin[i, 0] + x, origin[i, 1] + y, origin[i, 2] + z
+
+    return found
+
+
+def place_in_block(points: Any, begin: Any, j: Any) -> Any:
+    """Place of a block's point j, in the type of the fields; None where `begin` is."""
+    if begin is None:
+        return None
+    (name,) = points.dtype.names
+    number = points.dtype[name].base.type
+    return number(begin[0]), number(begin[1]), number(begin[2] + int(j))
+
+
+@overload(place_in_block, jit_options={"forceinline": True})
+def _typed_place_in_block(points, begin, j):  # as above
+    """Tell it in the type of the values in `points`."""
+    if isinstance(begin, types.NoneType):
+        return lambda points, begin, j: None
+    (name,) = points.dtype.fields
+    number = points.dtype.fields[name].type.dtype
+    return lambda points, begin, j: (
+        number(begin[0]), number(begin[1]), number(begin[2] + np.int64(j))
+    )  # fmt: skip
+
+
 def force_at_point(
-    points: Any, i: Any, phi: Any, gx: Any, gy: Any, gz: Any, laplacian: Any, second: Any
-) -> Any:
+    points: Any, i: Any, phi: Any, gx: Any, gy: Any, gz: Any, laplacian: Any, second: Any,
+    place: Any,
+) -> Any:  # fmt: skip
     """Force of all point functions on cell i."""
     (name,) = points.dtype.names
     function = _KNOWN[name][0].py_func
-    return function(points[i][name], phi, gx, gy, gz, laplacian, second)
+    return function(points[i][name], phi, gx, gy, gz, laplacian, second, place)
 
 
 @overload(force_at_point, jit_options={"forceinline": True})
-def _typed_force_at_point(points, i, phi, gx, gy, gz, laplacian, second):  # as above
+def _typed_force_at_point(points, i, phi, gx, gy, gz, laplacian, second, place):  # as above
     """Call the function that the type of `points` names."""
     if isinstance(points, types.NoneType):
-        return lambda points, i, phi, gx, gy, gz, laplacian, second: phi
+        return lambda points, i, phi, gx, gy, gz, laplacian, second, place: phi
     (name,) = points.dtype.fields
     function, _ = _KNOWN[name]
-    return lambda points, i, phi, gx, gy, gz, laplacian, second: function(
-        points[i][name], phi, gx, gy, gz, laplacian, second
+    return lambda points, i, phi, gx, gy, gz, laplacian, second, place: function(
+        points[i][name], phi, gx, gy, gz, laplacian, second, place
     )

@@ -50,6 +50,9 @@ class Column:
     shared : bool
         Whether every MPI rank knows it of all cells; else only the rank that steps the cell does.
         Such columns are the engine's, which changes them on all ranks alike.
+    aimed : bool
+        Whether all ranks set it alike before forces are added up, in each step, as
+        `Engine.targets` does: then it needs no word to the engine when it changes.
     optional : bool
         Whether a saved state may lack it, and has its default then: states of earlier versions.
 
@@ -66,6 +69,7 @@ class Column:
     inherits: bool | Callable[[NDArray], ArrayLike] = True
     saved: bool = True
     shared: bool = False
+    aimed: bool = False
     optional: bool = False
 
     def __post_init__(self) -> None:

@@ -44,7 +44,7 @@ SHRINK_INTERVAL = 32
 DTYPES = {"single": np.float32, "double": np.float64}
 COLUMNS = (
     Column("frozen", bool, shared=True),
-    Column("target", default=np.nan, shared=True),
+    Column("target", default=np.nan, shared=True, aimed=True),
     Column("fresh", bool, default=True, inherits=False, shared=True),
     Column("face_peak", inherits=False),
     *step_control.COLUMNS,
@@ -83,7 +83,8 @@ class Engine(CellView):
         from it (`schemes.stabilisation`). Set it before `set_physics` and `restore`, else by
         `stabilise`.
     cells : CellTable
-        The N cells. Set values of columns in place; say `change` if others than `target` change.
+        The N cells. Set values of columns in place; say `change` if others than those that are
+        `aimed` change.
     pool : BoxPool
         The fields.
     solver : Solver
@@ -92,8 +93,8 @@ class Engine(CellView):
     ticks : int
         Ticks passed; see `Numerics.tick`.
     targets : function of time
-        Sets V(t) in the column "target" of `everyone`; called before forces are added up, with the
-        *in silico* time at which they are taken.
+        Sets V(t) in the column "target" of `everyone`, and what else is `aimed` there; called
+        before forces are added up, with the *in silico* time at which they are taken.
     whole : bool
         Whether all cells are at the same step: false within a step, and for good if something
         breaks one off.
@@ -255,7 +256,7 @@ class Engine(CellView):
         return {c.name: self.cells[c.name].copy() for c in self.physics.columns if c.saved}
 
     def aim(self, time: float) -> None:
-        """Set the target volumes V(t)."""
+        """Set the columns that are `aimed`."""
         self.targets(time)
 
     def _forces_at(self, ticks: int) -> float:

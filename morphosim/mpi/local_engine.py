@@ -80,9 +80,11 @@ class LocalEngine(Engine):
         self._lay_start(fields)
 
     def aim(self, time: float) -> None:
-        """Set the target volumes V(t) of all cells, and take over those of the cells held."""
+        """Set the columns that are `aimed` of all cells, and take over those of the cells held."""
         super().aim(time)
-        self.cells["target"][:] = self._everyone["target"][self.rows]
+        for column in self.cells.columns.values():
+            if column.aimed:
+                self.cells[column.name][:] = self._everyone[column.name][self.rows]
 
     def _made_ready(self, ticks: int) -> StepState:
         """See `Engine`; under error control ranks agree on what follows, so all must come to it."""

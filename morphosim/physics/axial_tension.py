@@ -24,17 +24,12 @@ from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable
 from morphosim.kernels.points import point_force
-from morphosim.numerics.chebyshev import largest_eigenvalue
 from morphosim.numerics.parameters import Numerics
+from morphosim.physics.added_curvature import FLATTEST, explicit_rate
 from morphosim.physics.by_type import ByType
 from morphosim.physics.term import Conditions, Term
 
 Floats = NDArray[np.float64]
-FREE = 1 / 3
-"""Share of γΔφ that may be explicit beside an implicit γΔφ and needs no S: φⁿ⁺¹ = -φⁿ in Eq. 9
-gives 3 f = 4 τ/δt + 4 S + γ k²."""
-FLATTEST = 1e-6
-"""Square of a slope, 1/µm², below which a surface faces nowhere: the steepest is c/8."""
 SMALLEST, LARGEST = -0.75, 8.0
 """Bounds of χ: cells half as long as wide, or three times."""
 
@@ -132,12 +127,8 @@ class AxialTension(Term):
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """That of the finest waves along p, where it is more than γΔφ makes up for."""
-        if conditions.linearised:
-            return 0.0
-        numerics, chis = conditions.numerics, [self.strength.of(t) for t in conditions.types]
-        beyond = _most_added(chis) - (FREE if numerics.scheme != "euler" else 0.0)
-        finest = largest_eigenvalue(numerics.order, numerics.spacing, conditions.interface_scale)
-        return float(conditions.tensions.max()) * max(beyond, 0.0) * finest / 3
+        chis = [self.strength.of(kind) for kind in conditions.types]
+        return explicit_rate(_most_added(chis), conditions)
 
     @property
     def stiffening(self) -> float:

@@ -6,6 +6,7 @@ Another one is a file here and a row of `TERMS`.
 from morphosim.physics.axial_tension import AxialTension
 from morphosim.physics.centrifuge import Centrifuge
 from morphosim.physics.chemotaxis import Chemotaxis
+from morphosim.physics.contractile_ring import ContractileRing
 from morphosim.physics.flow import Flow
 from morphosim.physics.gravity import Gravity
 from morphosim.physics.polarity import Polarity
@@ -20,4 +21,5 @@ TERMS: dict[str, type[Term]] = {
     "polarity": Polarity,
     "wall_adhesion": WallAdhesion,
     "axial_tension": AxialTension,
+    "contractile_ring": ContractileRing,
 }

@@ -94,7 +94,7 @@ class Physics:
                         "a property, where two terms are of one class)"
                     )
                     raise ValueError(message)
-                if column.shared and term in self.terms:
+                if column.shared and not column.aimed and term in self.terms:
                     message = (
                         f"force term {term.name}: column {column.name!r} is shared; only columns "
                         "of the engine are"

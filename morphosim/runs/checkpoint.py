@@ -46,7 +46,8 @@ class Checkpoint:
         what `read` gives stay in the file until they are used
     volumes : target volumes that are functions, by name of the cell: what a scene file says of a
         `VolumeCourse`, or None for another function, which is the scene's to say
-    used : names that other cells had before
+    dividing : divisions under way, by name of the cell: see `Furrow.table`
+    used : names that other cells had before, or are to have
     progress : how far the stages are, see `StageRunner.facts`; None without stages
     back : state that the present stage may end with
     identity : which run it is of
@@ -62,6 +63,7 @@ class Checkpoint:
     settings: Mapping[str, Any]
     arrays: Mapping[str, Any]
     volumes: Mapping[str, Mapping[str, Any] | None] = field(default_factory=dict)
+    dividing: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     used: tuple[str, ...] = ()
     progress: Mapping[str, Any] | None = None
     back: "Checkpoint | None" = None

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from morphosim import _validate
 from morphosim.geometry.phase_field import least_volume
 from morphosim.numerics.parameters import Numerics
+from morphosim.physics.contractile_ring import ring_of
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import CHANGEABLE, VolumeFunction, check_values, volume_at
 from morphosim.scene.ends import Duration
@@ -49,6 +50,8 @@ class Rehearsal:
         Whether there is such an event in any stage.
     courses : list of Physics
         All that has held so far.
+    dividing : mapping from name to names of the daughters and their target volumes
+        Cells that are cut later in the present stage.
     tensions, volumes : lists of float
         Surface tensions that cells are given, and target volumes (µm³) as far as they are known.
     """
@@ -64,6 +67,7 @@ class Rehearsal:
     surprised: bool = False
     silent: bool = False
     courses: list[Physics] = field(init=False)
+    dividing: dict[str, list[tuple[str, Volume]]] = field(init=False, default_factory=dict)
     tensions: list[float] = field(init=False, default_factory=list)
     volumes: list[float] = field(init=False, default_factory=list)
 
@@ -84,21 +88,43 @@ class Rehearsal:
         fraction: float = 0.5,
         types: tuple[str, str] | None = None,
         volumes: tuple[Volume, Volume] | None = None,
+        over: float = 0.0,
     ) -> None:
         """Divide a cell; see `Simulation.divide`."""
         self._check_alive(cell)
+        if cell in self.dividing:
+            first, second = (name for name, _ in self.dividing[cell])
+            message = f"cell {cell!r} is dividing already, into {first!r} and {second!r}"
+            raise ValueError(message)
+        if over:
+            ring_of(self.physics.terms, f"division of {cell!r}: over")
         for name in daughters:
             if name in self.used:
                 message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"
                 raise ValueError(message)
         whole = self._volume(cell, self.cells[cell]) if cell in self.cells else None
         shares = (fraction, 1 - fraction)
+        self.dividing[cell] = born = []
         for k, name in enumerate(daughters):
             given = None if whole is None else shares[k] * whole
             self._check_size(cell, name, given)
             check_values(name, {"type": "" if types is None else types[k]})
-            self._bring(name, given if volumes is None else volumes[k])
-        self._end(cell, f"it divides into {daughters[0]!r} and {daughters[1]!r}")
+            born.append((name, given if volumes is None else volumes[k]))
+            self.used.add(name)
+        if not over:
+            self._cut(cell)
+
+    def finish_divisions(self) -> None:
+        """Cut the cells that are dividing; see `Simulation.finish_divisions`."""
+        for cell in list(self.dividing):
+            self._cut(cell)
+
+    def _cut(self, cell: str) -> None:
+        """Let a cell that is dividing be two."""
+        born = self.dividing.pop(cell)
+        for name, volume in born:
+            self._bring(name, volume)
+        self._end(cell, "it divides into " + " and ".join(repr(name) for name, _ in born))
 
     def divide_cells(
         self,
@@ -109,6 +135,7 @@ class Rehearsal:
         fractions: ArrayLike = 0.5,
         types: Sequence[tuple[str, str]] | None = None,
         volumes: Any = None,
+        over: float = 0.0,
     ) -> None:
         """Divide several cells; see `Simulation.divide_cells`."""
         shares = np.broadcast_to(np.asarray(fractions, float), (len(cells),)).tolist()
@@ -119,7 +146,7 @@ class Rehearsal:
             self.divide(
                 cell, pair, axis=axis, fraction=shares[k],
                 types=None if types is None else types[k],
-                volumes=None if volumes is None else volumes[k],
+                volumes=None if volumes is None else volumes[k], over=over,
             )  # fmt: skip
 
     def die(self, cells: Iterable[str], over: float) -> None:
@@ -209,6 +236,7 @@ class Rehearsal:
 
     def _end(self, name: str, how: str) -> None:
         self.cells.pop(name, None)
+        self.dividing.pop(name, None)
         self.gone[name] = how
 
 
@@ -237,6 +265,7 @@ def rehearse(rehearsal: Rehearsal, stages: Sequence[Stage], duration: float) -> 
         if every < ticks and every <= numerics.ticks_to(duration):
             again = f"{where}, as rules_every = {stage.rules_every:g} have passed: rules"
             _apply(rehearsal, stage.rules, again)
+        rehearsal.finish_divisions()
         known = isinstance(stage.end, Duration) and rehearsal.time is not None
         rehearsal.time = (rehearsal.time or 0.0) + ticks * numerics.tick if known else None
 

@@ -57,6 +57,7 @@ class Changeable(Protocol):
         fraction: float = 0.5,
         types: tuple[str, str] | None = None,
         volumes: Any = None,
+        over: float = 0.0,
     ) -> None:
         """Divide a cell; see `Simulation.divide`."""
 
@@ -69,11 +70,15 @@ class Changeable(Protocol):
         fractions: ArrayLike = 0.5,
         types: Sequence[tuple[str, str]] | None = None,
         volumes: Any = None,
+        over: float = 0.0,
     ) -> None:
         """Divide several cells at once; see `Simulation.divide_cells`."""
 
     def die(self, cells: Iterable[str], over: float) -> None:
         """Let cells shrink and be gone; see `Simulation.die`."""
+
+    def finish_divisions(self) -> None:
+        """Cut the cells that are dividing; see `Simulation.finish_divisions`."""
 
     def remove(self, cells: Iterable[str]) -> None:
         """Take cells out."""
@@ -152,7 +157,7 @@ class Target(Changeable, Protocol):
         """(N, …) values of a column of the cell table."""
 
     def ready(self, types: Sequence[str] = ()) -> NDArray[np.bool_]:
-        """(N,) which cells rules may act on: of these types, neither frozen nor dying."""
+        """(N,) which cells rules may act on: of these types, and not frozen, dying or dividing."""
 
     def chance(self, purpose: str, again: bool = False) -> NDArray[np.float64]:
         """(N, 3) standard normal numbers of each cell; see `Simulation.chance`."""

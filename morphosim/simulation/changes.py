@@ -21,6 +21,7 @@ from morphosim.scene.scene import Scene
 from morphosim.scene.stability import StabilityWarning
 from morphosim.scene.tables import physics_table
 from morphosim.simulation import growth
+from morphosim.simulation.furrows import Furrow
 from morphosim.simulation.volumes import VolumeFunctions
 
 Rows = NDArray[np.int64]
@@ -46,8 +47,11 @@ class Changes:
     removed: list[tuple[float, str]]
     events: list[tuple[float, str]]
     _volumes: VolumeFunctions
+    _furrows: dict[str, Furrow]
+    """Divisions under way, by name of the cell."""
     _used: set[str]
-    """Names that cells have or have had, but those that number a founder's descendants."""
+    """Names that cells have, have had or are to have, but those that number a founder's
+    descendants."""
 
     @property
     def time(self) -> float:
@@ -248,6 +252,13 @@ class Changes:
             self.removed.append((self.time, name))
         self.engine.remove(rows)
         self._volumes.forget(names)
+        self._drop_furrows(names)
+
+    def _drop_furrows(self, names: Iterable[str]) -> None:
+        """Let cells not divide that are dividing; their daughters' names are free again."""
+        for name in names:
+            if (furrow := self._furrows.pop(name, None)) is not None:
+                self._used.difference_update(furrow.daughters or ())
 
 
 def listed(cells: Iterable[str]) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ def divided(
     ('AB', 1500)
     """
     where = f"division of cell {field.name!r}"
-    direction = _direction(where, axis)
+    direction = direction_of(where, axis)
     _check_numbers(where, spacing, fraction, scale)
     _check_names(where, names)
     phi = np.asarray(field.phi)
@@ -94,7 +94,7 @@ def _check_numbers(where: str, spacing: float, fraction: float, scale: float) ->
         raise ValueError(message)
 
 
-def _direction(where: str, axis: ArrayLike) -> Floats:
+def direction_of(where: str, axis: ArrayLike) -> Floats:
     """The axis at length 1."""
     vector = _validate.vector(f"{where}: axis", axis)
     length = np.linalg.norm(vector)

@@ -1,6 +1,7 @@
-"""Divisions of living cells: one by one, or many at once."""
+"""Divisions of living cells: one by one, or many at once; at a stroke, or over a time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
@@ -9,13 +10,16 @@ from numpy.typing import ArrayLike
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
+from morphosim.physics.contractile_ring import PLANE, ContractileRing, ring_of
 from morphosim.scene.cell import VolumeFunction, check_values, volume_at
 from morphosim.simulation import growth, lineage_names
 from morphosim.simulation.changes import Changes, Rows, listed, several
-from morphosim.simulation.division import divided
+from morphosim.simulation.division import direction_of, divided
+from morphosim.simulation.furrows import LOOK, Furrow, plane_of
 
 Volumes = tuple[float | VolumeFunction, float | VolumeFunction]
 """Target volumes of two daughters, µm³."""
+LARGEST_SHARE = 0.999
 
 
 class Divisions(Changes):
@@ -30,10 +34,16 @@ class Divisions(Changes):
         fraction: float = 0.5,
         types: tuple[str, str] | None = None,
         volumes: Volumes | None = None,
+        over: float = 0.0,
     ) -> None:
         """Divide a cell in its box; the daughters' next step is of first order.
 
         All after the daughters is given by keyword: `divide("P0", ("AB", "P1"), axis=(-1, 0, 0))`.
+
+        The cell is cut at once, or in the course of a time: then the contractile ring of the
+        physics draws in a furrow, and the cell is cut when its neck has closed, or when the time is
+        over, or at the end of the stage. The furrow lies where the first daughter has her share.
+        Until then the cell is in `dividing`, and rules leave it alone.
 
         Parameters
         ----------
@@ -46,12 +56,15 @@ class Divisions(Changes):
             By default the mother's.
         volumes : optional
             Target volumes in µm³, or functions of time; by default shares of what the mother's
-            is now.
+            is when she is cut.
+        over : float
+            *In silico* time that this may take. Volumes must be numbers then.
 
         Raises
         ------
         ValueError
-            There is no such cell, or a cell has or had a daughter's name.
+            There is no such cell, it is dividing already, or a cell has or had a daughter's name;
+            or the physics have no contractile ring, where it is to take time.
         """
         self._row(cell)
         pair = _validate.labels(f"division of {cell!r}: daughters", daughters, 2)
@@ -61,7 +74,7 @@ class Divisions(Changes):
         self.divide_cells(
             [cell], [(pair[0], pair[1])], axes=[axis], fractions=[fraction],
             types=None if types is None else [types],
-            volumes=None if volumes is None else [volumes],
+            volumes=None if volumes is None else [volumes], over=over,
         )  # fmt: skip
 
     def divide_cells(
@@ -73,6 +86,7 @@ class Divisions(Changes):
         fractions: Any = 0.5,
         types: Sequence[tuple[str, str]] | None = None,
         volumes: Sequence[Volumes] | None = None,
+        over: float = 0.0,
     ) -> None:
         """Divide several cells at once; see `divide`. Either all of them divide, or none.
 
@@ -85,6 +99,7 @@ class Divisions(Changes):
         axes : (n, 3)
         fractions : (n,), or one for all
         types, volumes : n pairs, optional
+        over : float
 
         Raises
         ------
@@ -103,6 +118,10 @@ class Divisions(Changes):
                 _validate.several(f"divide_cells: {what}", values, what, len(names))
         pairs = self._pairs(names, daughters)
         shares = np.broadcast_to(np.asarray(fractions), (len(names),)).tolist()
+        if _validate.number("over", over, least=0):
+            given = None if daughters is None else pairs
+            self._begin_furrows(names, given, axes, shares, types, volumes, over)
+            return
         kinds, targets = self._heirs(rows, pairs, shares, types, volumes)
         halves: list[CellField] = []
         for row, axis, share, pair in zip(rows.tolist(), axes, shares, pairs, strict=True):
@@ -116,8 +135,12 @@ class Divisions(Changes):
         self._stay_stable()
 
     def _check_live(self, rows: Rows) -> None:
-        """Raise ValueError if one of the cells is dying."""
+        """Raise ValueError if one of the cells is dying, or dividing."""
         table = self.engine.everyone
+        for name in table["name"][rows] if self._furrows else ():
+            if name in self._furrows:
+                message = f"cell {name!r} is dividing already; it is cut before it can divide again"
+                raise ValueError(message)
         if "dying" in table and (dying := rows[table["dying"][rows]]).size:
             message = f"cell {table['name'][dying[0]]!r} is dying; it cannot divide"
             raise ValueError(message)
@@ -177,3 +200,88 @@ class Divisions(Changes):
         self._volumes.forget(mothers)
         for name, target in zip(names, targets, strict=True):
             self._volumes.set(name, target)
+
+    @property
+    def dividing(self) -> list[str]:
+        """Names of the cells that are dividing: a furrow is being drawn in."""
+        return list(self._furrows)
+
+    def finish_divisions(self) -> None:
+        """Cut the cells that are dividing, however far their furrows are."""
+        self._cut(self.dividing)
+
+    def _begin_furrows(
+        self, names: Sequence[str], pairs: Sequence[tuple[str, str]] | None, axes: Any,
+        shares: Sequence[float], types: Any, volumes: Any, over: float,
+    ) -> None:  # fmt: skip
+        """Let cells begin to divide."""
+        ring_of(self.physics.terms, f"division of {names[0]!r}: over")
+        until = self.engine.ticks + self.engine.numerics.ticks_to(over, "over")
+        begun = {}
+        for k, name in enumerate(names):
+            where = f"division of {name!r}"
+            if volumes is not None and any(map(callable, volumes[k])):
+                message = (
+                    f"{where}: volumes that are functions of time cannot wait for the furrow; give "
+                    "numbers, or leave `over` out"
+                )
+                raise ValueError(message)
+            share = _validate.number(f"{where}: fraction", shares[k], above=0, most=LARGEST_SHARE)
+            x, y, z = direction_of(where, axes[k]).tolist()
+            begun[name] = Furrow(
+                daughters=None if pairs is None else pairs[k], axis=(x, y, z), fraction=share,
+                types=None if types is None else tuple(types[k]),
+                volumes=None if volumes is None else tuple(volumes[k]), until=until,
+            )  # fmt: skip
+        self._furrows |= begun
+        for name in names:
+            self._look_at_furrow(name)
+        self._used.update(chain.from_iterable(pairs or ()))
+        self._tell(f"furrow of {several(names)}")
+
+    def _look_at_furrow(self, name: str) -> bool:
+        """Find where the plane of a furrow lies; return whether the neck has closed."""
+        furrow, field = self._furrows[name], self.engine.field(self._row(name))
+        spacing = self.engine.numerics.spacing
+        height, closed = plane_of(field, spacing, furrow.axis, furrow.fraction)
+        self._furrows[name] = replace(furrow, height=height)
+        return closed
+
+    def _go_on_dividing(self, before: int) -> None:
+        """After a step, which has begun at the tick `before`: follow furrows, cut what is due."""
+        ticks, interval = self.engine.ticks, max(round(LOOK / self.engine.numerics.tick), 1)
+        look, due = ticks // interval > before // interval, []
+        boxes = self.engine.moved if any(self.scene.period) else ()  # which may be carried back
+        moved = {self.engine.everyone["name"][row] for row in boxes}
+        for name, furrow in list(self._furrows.items()):
+            closed = (look or name in moved) and self._look_at_furrow(name)
+            if closed or ticks >= furrow.until:
+                due.append(name)
+        self._cut(due)
+
+    def _cut(self, names: Sequence[str]) -> None:
+        """Cut cells that are dividing."""
+        furrows = {name: self._furrows[name] for name in names}
+        self._drop_furrows(names)
+        for kind in sorted({furrow.says for furrow in furrows.values()}):
+            group = [name for name in names if furrows[name].says == kind]
+            members = [furrows[name] for name in group]
+            self.divide_cells(
+                group, axes=[each.axis for each in members],
+                fractions=[each.fraction for each in members],
+                **{what: [getattr(each, what) for each in members] for what in kind},
+            )  # fmt: skip
+
+    def _set_rings(self) -> None:
+        """Tell the contractile ring where the furrows lie."""
+        table = self.engine.everyone
+        rings = [term for term in self.physics.active_terms if isinstance(term, ContractileRing)]
+        if not rings:
+            return
+        planes = table[PLANE.name]
+        planes[:] = 0
+        if self._furrows:
+            planes[table.rows(self._furrows)] = [
+                rings[0].plane(np.array(each.axis), each.height, self.engine.numerics.spacing)
+                for each in self._furrows.values()
+            ]

@@ -30,9 +30,11 @@ class Rules(Divisions):
     rule: int = 0
 
     def ready(self, types: Sequence[str] = ()) -> NDArray[np.bool_]:
-        """(N,) which cells rules may act on: of these types, or all, neither frozen nor dying."""
+        """(N,) which cells rules may act on: of these types, or all; see `Target`."""
         table = self.engine.everyone
         found = ~table["frozen"]
+        if self._furrows:
+            found[table.rows(self._furrows)] = False
         if "dying" in table:
             found &= ~table["dying"]
         if types:
@@ -100,7 +102,8 @@ class Rules(Divisions):
         """Let cells die: the target volume falls, steadily, to 1/20, and then they are taken out.
 
         They are listed in `removed` when they are gone, which may be earlier, where φ comes below
-        1/2 everywhere; `Scene.on_vanish` does not matter. Cells that die already go on as they do.
+        1/2 everywhere; `Scene.on_vanish` does not matter. Cells that die already go on as they do;
+        those that are dividing do not divide.
 
         Parameters
         ----------
@@ -121,6 +124,7 @@ class Rules(Divisions):
         if not len(rows):
             return
         names, whole = table["name"][rows].tolist(), self._targets()[rows]
+        self._drop_furrows(names)
         least = np.minimum(
             np.maximum(GONE * whole, 2 * least_volume(self.engine.numerics.spacing)), whole
         )

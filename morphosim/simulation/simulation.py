@@ -30,6 +30,7 @@ from morphosim.scene.scene import Scene
 from morphosim.scene.size import check_size
 from morphosim.scene.tables import physics_of, physics_table, relocated
 from morphosim.simulation.changes import used_names
+from morphosim.simulation.furrows import Furrow
 from morphosim.simulation.growth import has_courses
 from morphosim.simulation.interrupts import deferred_interrupts
 from morphosim.simulation.lineage_names import stated
@@ -128,6 +129,7 @@ class Simulation(State):
         self._volumes = VolumeFunctions(
             {cell.name: cell.volume for cell in scene.cells if callable(cell.volume)}
         )
+        self._furrows = {}
         warm_first(scene)
         self.engine = self._make_engine()
         self.engine.targets = self._set_targets
@@ -253,6 +255,7 @@ class Simulation(State):
             settings=self._settings,
             arrays=arrays if stages is None else arrays | {"check": stages.centroids},
             volumes=self._volumes.said(),
+            dividing={name: furrow.table for name, furrow in self._furrows.items()},
             used=tuple(sorted(self._used.difference(self.names))),
             progress=None if stages is None else stages.facts(),
             back=None if stages is None else stages.back,
@@ -275,6 +278,7 @@ class Simulation(State):
         """Hold the state that `checkpoint` gave."""
         known = {cell.name: cell.volume for cell in self.scene.cells if callable(cell.volume)}
         self._volumes = VolumeFunctions.of(state.volumes, known | self._volumes.functions)
+        self._furrows = {name: Furrow.of(table) for name, table in state.dividing.items()}
         physics = physics_of(relocated(state.physics, self.scene.courses), state.names)
         self.engine.explicit_rate = state.explicit_rate
         self.engine.restore(state.arrays, physics, state.steps, state.ticks)
@@ -446,6 +450,7 @@ class Simulation(State):
         if numerics.tolerance is None:  # steps are of one tick
             return self.ticks + 1
         due = [last]
+        due += [furrow.until for furrow in self._furrows.values()]
         if self.scene.stages:
             due.append(self._stages.next_tick(numerics, self.ticks))
         if (time := next_time(observers, self)) is not None:
@@ -453,12 +458,13 @@ class Simulation(State):
         return max(min(due), self.ticks + 1)
 
     def _set_targets(self, time: float) -> None:
-        """Set the target volumes that are functions of time, or follow rules."""
+        """Set what is to be known before forces are added up: target volumes, rings."""
         self._fill_targets(self.engine.everyone["target"], time)
+        self._set_rings()
 
     def _step(self, most: int) -> None:
         """Take a step of at most so many ticks."""
-        before = self.time
+        before, begin = self.time, self.ticks
         changing = self._volumes.functions or has_courses(self.engine.everyone)
         if changing and self.steps % LOOK_AT_TARGETS == 0:
             self._stay_stable()
@@ -468,6 +474,8 @@ class Simulation(State):
         if self.engine.overdue:
             self._raise_overdue()
         self._take_out_lost(self.engine.vanished())
+        if self._furrows:
+            self._go_on_dividing(begin)
 
     def _raise_divergence(self, i: int, before: float) -> None:
         name = self.names[i]

@@ -32,6 +32,10 @@ class Staged(Target, Protocol):
     def tick(self) -> float:
         """*In silico* time of a tick."""
 
+    @property
+    def dividing(self) -> Sequence[str]:
+        """Names of the cells that are dividing."""
+
     def checkpoint(self, alone: bool = False) -> Checkpoint:
         """The whole present state; `alone`, without how far the stages are."""
 
@@ -107,7 +111,7 @@ class StageRunner:
         ticks = simulation.ticks - self.begun
         elapsed = ticks * tick
         check = ticks % check_interval(tick) == 0
-        if check and self.last is not None:
+        if check and self.last is not None and not simulation.dividing:
             moved = _positions(simulation).distance(self.last)
             self.speeds.append(root_mean_square(moved) / (simulation.time - self.last.time))
         ended = (check or stage.end.every_step) and stage.end.reached(
@@ -119,6 +123,7 @@ class StageRunner:
         elif check:
             self._look(simulation, stage)
         if ended or (stage.limit is not None and elapsed >= stage.limit - 1e-9):
+            simulation.finish_divisions()
             self.index, self.begun, self.last, self.back = self.index + 1, -1, None, None
             return True
         interval = stage.rules_interval(tick)

@@ -24,6 +24,9 @@ class Division:
         Types of the daughters; by default the mother's.
     volumes : (float, float), optional
         Target volumes in µm³; by default shares of the mother's.
+    over : float
+        *In silico* time within which a contractile ring draws in the furrow. By default the cell
+        is cut at once.
     """
 
     cell: str
@@ -32,6 +35,7 @@ class Division:
     fraction: float = 0.5
     types: tuple[str, str] | None = None
     volumes: tuple[float, float] | None = None
+    over: float = 0.0
 
     __repr__ = short_repr
 
@@ -51,6 +55,7 @@ class Division:
             for volume in volumes:
                 _validate.number(f"{where}: volumes", volume, above=0)
             object.__setattr__(self, "volumes", volumes)
+        _validate.number(f"{where}: over", self.over, least=0)
 
     @property
     def makes(self) -> tuple[str, ...]:
@@ -65,5 +70,5 @@ class Division:
         """Divide the cell."""
         simulation.divide(
             self.cell, self.daughters, axis=self.axis, fraction=self.fraction, types=self.types,
-            volumes=self.volumes,
+            volumes=self.volumes, over=self.over,
         )  # fmt: skip

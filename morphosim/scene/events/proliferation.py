@@ -13,6 +13,7 @@ from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.geometry.phase_field import least_volume
 from morphosim.measure.measurement import centroids_and_axes
+from morphosim.physics.contractile_ring import ring_of
 from morphosim.scene.events.living import (
     BORN,
     COURSE,
@@ -73,6 +74,8 @@ class Proliferation:
         Types of the daughters, or those of mothers of a type; else they have their mother's.
     probability : float
         Chance that a division is `into` these types.
+    over : float
+        *In silico* time within which a contractile ring draws in the furrow; see `Division`.
     types : types of the cells that divide; () are all.
     """
 
@@ -87,6 +90,7 @@ class Proliferation:
     share_spread: float = 0.0
     into: Sequence[str] | Mapping[str, Sequence[str]] | None = None
     probability: float = 1.0
+    over: float = 0.0
     types: Sequence[str] = ()
 
     columns = (GENERATION, BORN, *COURSE, DYING)
@@ -107,6 +111,7 @@ class Proliferation:
         _validate.number("proliferation: share", self.share, least=least, most=most)
         _validate.number("proliferation: share_spread", self.share_spread, least=0, most=0.5)
         _validate.number("proliferation: probability", self.probability, least=0, most=1)
+        _validate.number("proliferation: over", self.over, least=0)
         self._check_axis()
         object.__setattr__(self, "into", _kinds(self.into))
         object.__setattr__(self, "types", check_types("proliferation", self.types))
@@ -129,6 +134,8 @@ class Proliferation:
     def rehearse(self, rehearsal: Foreseen) -> None:
         """See `Event`; who divides is not known."""
         rehearse_types("proliferation", self.types, rehearsal)
+        if self.over:
+            ring_of(rehearsal.physics.terms, "proliferation: over")
         if isinstance(self.into, Mapping):
             for kind in self.into:
                 rehearsal.check_type("proliferation: into", kind)
@@ -156,7 +163,7 @@ class Proliferation:
         if len(rows):
             simulation.divide_cells(
                 simulation.column("name")[rows].tolist(), axes=self._axes(simulation, rows),
-                fractions=shares, types=self._types(simulation, rows),
+                fractions=shares, types=self._types(simulation, rows), over=self.over,
             )  # fmt: skip
 
     def _due(self, simulation: Target) -> Mask:
