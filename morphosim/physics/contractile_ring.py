@@ -6,12 +6,14 @@ presses on the surface by its curvature in that direction, which gives the force
 
     f = γ χ e(d) t·∇∇φ·t,    e = (1 - d²/w²)² where |d| < w, else 0,    t = p × ∇φ / |p × ∇φ|
 
-It is - γ χ e |∇φ| / r on a round neck of radius r. Only cells that divide with `over` have a ring.
+It is - γ χ e |∇φ| / r on a round neck of radius r. A ring pulls its cell nowhere: a drift d·∇φ is
+taken off, by which the forces on the cell sum up to none. Only cells that divide with `over` have a
+ring.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +28,10 @@ from morphosim.physics.term import Concern, Conditions, Term
 
 Floats = NDArray[np.float64]
 PLANE = Column(
-    "ring_plane", shape=(4,), inherits=False, saved=False, shared=True, aimed=True
+    "ring_plane", shape=(7,), inherits=False, saved=False, shared=True, aimed=True
 )  # fmt: skip
-"""a and b of d / w = a·r - b at the lattice position r; a is 0 of a cell that does not divide."""
+"""a and b of d / w = a·r - b at the lattice position r, and the drift d that is taken off; all 0 of
+a cell that does not divide."""
 LARGEST = 20.0
 NARROWEST = 2.0
 """Least half width of a band, in lattice steps."""
@@ -37,17 +40,18 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 @point_force
 def hoop_tension(values, phi, gx, gy, gz, laplacian, second, place):  # type: ignore[no-untyped-def]
-    """f; `values` are γ χ, p, a, b and `FLATTEST`."""
+    """F - d·∇φ; `values` are γ χ, p, a, b, d and `FLATTEST`."""
     xx, yy, zz, xy, xz, yz = second
     x, y, z = place
     px, py, pz = values[1], values[2], values[3]
     depth = values[4] * x + values[5] * y + values[6] * z - values[7]
-    inside = max(ONE - depth * depth, ZERO)
+    inside = np.maximum(ONE - depth * depth, ZERO)
     tx, ty, tz = py * gz - pz * gy, pz * gx - px * gz, px * gy - py * gx
-    square = tx * tx + ty * ty + tz * tz + values[8]
+    square = tx * tx + ty * ty + tz * tz + values[11]
     mixed = tx * ty * xy + tx * tz * xz + ty * tz * yz
     bent = (tx * tx * xx + ty * ty * yy + tz * tz * zz + (mixed + mixed)) / square
-    return values[0] * inside * inside * bent
+    drift = values[8] * gx + values[9] * gy + values[10] * gz
+    return values[0] * inside * inside * bent - drift
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +62,7 @@ class ContractileRing(Term):
     ----------
     strength : float
         χ: in the middle of the band the tension along the ring is γ (1 + χ). To draw in the whole
-        neck of a free cell of radius R, χ w must be more than about 0.8 R.
+        neck of a free cell of radius R, χ w must be more than about R.
     strength_by_type : mapping from cell type to float
         χ of cells of these types, instead of `strength`.
     width : float
@@ -103,8 +107,17 @@ class ContractileRing(Term):
         """(4,) a and b of `PLANE`, for the plane normal·r = height; in µm, as is the spacing."""
         return np.asarray([*(normal * spacing / self.width), height / self.width])
 
+    def force(
+        self, strength: float, plane: Floats, phi: Floats, gradient: Sequence[Floats],
+        second: Sequence[Floats], place: Sequence[Any],
+    ) -> Floats:  # fmt: skip
+        """f, of the strength γ χ, at points of which these are known; see `point_force`."""
+        normal = plane[:3] / np.linalg.norm(plane[:3])
+        values = [strength, *normal, *plane, 0.0, 0.0, 0.0, FLATTEST]
+        return np.asarray(hoop_tension(values, phi, *gradient, None, second, place))
+
     def point_values(self, cells: CellTable) -> Floats:
-        """(N, 9) γ χ, p, a, b, and the constant of the function."""
+        """(N, 12) γ χ, p, a, b, d, and the constant of the function."""
         planes = cells["ring_plane"]
         steps = np.linalg.norm(planes[:, :3], axis=1)
         divides = steps > 0

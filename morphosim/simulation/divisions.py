@@ -1,7 +1,6 @@
 """Divisions of living cells: one by one, or many at once; at a stroke, or over a time."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import chain
 from typing import Any
 
@@ -15,7 +14,7 @@ from morphosim.scene.cell import VolumeFunction, check_values, volume_at
 from morphosim.simulation import growth, lineage_names
 from morphosim.simulation.changes import Changes, Rows, listed, several
 from morphosim.simulation.division import direction_of, divided
-from morphosim.simulation.furrows import LOOK, Furrow, plane_of
+from morphosim.simulation.furrows import LOOK, Furrow
 
 Volumes = tuple[float | VolumeFunction, float | VolumeFunction]
 """Target volumes of two daughters, µm³."""
@@ -234,30 +233,34 @@ class Divisions(Changes):
                 volumes=None if volumes is None else tuple(volumes[k]), until=until,
             )  # fmt: skip
         self._furrows |= begun
-        for name in names:
-            self._look_at_furrow(name)
+        self._look_at_furrows(names)
         self._used.update(chain.from_iterable(pairs or ()))
         self._tell(f"furrow of {several(names)}")
 
-    def _look_at_furrow(self, name: str) -> bool:
-        """Find where the plane of a furrow lies; return whether the neck has closed."""
-        furrow, field = self._furrows[name], self.engine.field(self._row(name))
-        spacing = self.engine.numerics.spacing
-        height, closed = plane_of(field, spacing, furrow.axis, furrow.fraction)
-        self._furrows[name] = replace(furrow, height=height)
-        return closed
+    def _look_at_furrows(self, names: Sequence[str]) -> None:
+        """Find where furrows lie now, and whether their necks have closed."""
+        table, spacing = self.engine.everyone, self.engine.numerics.spacing
+        ring = next((term for term in self._rings), None)
+        if ring is None:  # there is none any more: cells are cut when their time is over
+            return
+        rows = table.rows(names)
+        strengths = (self.physics.surface_tension.tensions(table) * ring.strengths.of_each(table))[
+            rows
+        ]
+        for name, row, strength in zip(names, rows.tolist(), strengths.tolist(), strict=True):
+            field = self.engine.field(row)
+            self._furrows[name] = self._furrows[name].seen(field, spacing, ring, strength)
 
     def _go_on_dividing(self, before: int) -> None:
         """After a step, which has begun at the tick `before`: follow furrows, cut what is due."""
         ticks, interval = self.engine.ticks, max(round(LOOK / self.engine.numerics.tick), 1)
-        look, due = ticks // interval > before // interval, []
-        boxes = self.engine.moved if any(self.scene.period) else ()  # which may be carried back
-        moved = {self.engine.everyone["name"][row] for row in boxes}
-        for name, furrow in list(self._furrows.items()):
-            closed = (look or name in moved) and self._look_at_furrow(name)
-            if closed or ticks >= furrow.until:
-                due.append(name)
-        self._cut(due)
+        if ticks // interval > before // interval:
+            self._look_at_furrows(self.dividing)
+        elif any(self.scene.period):  # boxes may have been carried back
+            moved = self.engine.everyone["name"][self.engine.moved]
+            self._look_at_furrows([name for name in self.dividing if name in moved])
+        furrows = self._furrows.items()
+        self._cut([name for name, each in furrows if each.closed or ticks >= each.until])
 
     def _cut(self, names: Sequence[str]) -> None:
         """Cut cells that are dividing."""
@@ -272,16 +275,17 @@ class Divisions(Changes):
                 **{what: [getattr(each, what) for each in members] for what in kind},
             )  # fmt: skip
 
+    @property
+    def _rings(self) -> list[ContractileRing]:
+        """The contractile ring of the physics, if they have one."""
+        return [term for term in self.physics.active_terms if isinstance(term, ContractileRing)]
+
     def _set_rings(self) -> None:
         """Tell the contractile ring where the furrows lie."""
-        table = self.engine.everyone
-        rings = [term for term in self.physics.active_terms if isinstance(term, ContractileRing)]
-        if not rings:
-            return
-        planes = table[PLANE.name]
-        planes[:] = 0
-        if self._furrows:
-            planes[table.rows(self._furrows)] = [
-                rings[0].plane(np.array(each.axis), each.height, self.engine.numerics.spacing)
-                for each in self._furrows.values()
-            ]
+        for ring in self._rings:
+            table, spacing = self.engine.everyone, self.engine.numerics.spacing
+            planes = table[PLANE.name]
+            planes[:] = 0
+            for name, furrow in self._furrows.items():
+                plane = ring.plane(np.array(furrow.axis), furrow.height, spacing)
+                planes[table.row(name)] = [*plane, *furrow.recoil]

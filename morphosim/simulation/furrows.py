@@ -1,7 +1,7 @@
 """Furrows: what is known of cells that are dividing, until they are cut."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from morphosim._shown import short_repr
 from morphosim.cell_field import CellField
+from morphosim.physics.contractile_ring import ContractileRing
 
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
 LOOK = 1.0
-"""*In silico* time between two looks at where the plane of a furrow lies."""
+"""*In silico* time between two looks at a furrow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,15 +33,21 @@ class Furrow:
         Tick at which the cell is cut at the latest.
     height : float
         The plane of the furrow is axis·r = height, µm.
+    recoil : (3,)
+        d of a drift d·∇φ by which the ring's force is none on the cell as a whole.
+    closed : bool
+        Whether φ is below 1/2 all over the plane.
     """
 
     daughters: tuple[str, str] | None
-    axis: tuple[float, float, float]
+    axis: Vector
     fraction: float
     types: tuple[str, str] | None
     volumes: tuple[float, float] | None
     until: int
     height: float = 0.0
+    recoil: Vector = (0.0, 0.0, 0.0)
+    closed: bool = False
 
     __repr__ = short_repr
 
@@ -61,46 +70,62 @@ class Furrow:
             for name, value in table.items()
         })  # fmt: skip
 
+    def seen(
+        self, field: CellField, spacing: float, ring: ContractileRing, strength: float
+    ) -> Self:
+        """Where it lies now, and what its ring does.
 
-def plane_of(
-    field: CellField, spacing: float, axis: tuple[float, float, float], fraction: float
-) -> tuple[float, bool]:
-    """Where the plane of a furrow lies, and whether its neck has closed.
+        Parameters
+        ----------
+        field : CellField
+            Of the cell.
+        spacing : float
+            Lattice spacing, µm.
+        ring : ContractileRing
+        strength : float
+            γ χ of the cell's ring.
+        """
+        x, y, z = places = [
+            (first + np.arange(n)).reshape(shape)
+            for first, n, shape in zip(
+                field.origin.tolist(), np.shape(field.phi),
+                ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), strict=True,
+            )
+        ]  # fmt: skip
+        a, b, c = (spacing * part for part in self.axis)
+        heights = a * x + b * y + c * z
+        phi = np.asarray(field.phi, np.float64)
+        height = _height_of_share(phi, heights, spacing, self.fraction)
+        closed = not (phi[np.abs(heights - height) < spacing] >= 0.5).any()
+        plane = ring.plane(np.array(self.axis), height, spacing)
+        recoil = _recoil(phi, places, spacing, ring, strength, plane)
+        return replace(self, height=height, recoil=recoil, closed=closed)
 
-    Parameters
-    ----------
-    field : CellField
-    spacing : float
-        Lattice spacing, µm.
-    axis : (3,)
-        Normal of the plane, of length 1.
-    fraction : float
-        Share of ∫ φ that lies beyond the plane along the axis.
 
-    Returns
-    -------
-    height : float
-        The plane is axis·r = height, µm.
-    closed : bool
-        Whether φ is below 1/2 all over the plane.
-    """
-    phi = np.asarray(field.phi)
-    heights = _heights(field, spacing, axis)
+def _height_of_share(phi: Floats, heights: Floats, spacing: float, fraction: float) -> float:
+    """Height beyond which a fraction of ∫ φ lies, in the unit of `heights`."""
     lowest = heights.min() - spacing / 2  # lattice planes lie in the middle of slices
     slices = ((heights - lowest) / spacing).astype(np.int64)
     weights = np.bincount(slices.ravel(), np.maximum(phi, 0).ravel())
     beyond = np.append(np.cumsum(weights[::-1])[::-1], 0.0)  # at the lower face of each slice
     faces = lowest + spacing * np.arange(len(beyond))
-    height = float(np.interp(fraction * beyond[0], beyond[::-1], faces[::-1]))
-    return height, not (phi[np.abs(heights - height) < spacing] >= 0.5).any()
+    return float(np.interp(fraction * beyond[0], beyond[::-1], faces[::-1]))
 
 
-def _heights(
-    field: CellField, spacing: float, axis: tuple[float, float, float]
-) -> NDArray[np.float64]:
-    """axis·r of each point of a field's box, µm."""
-    x, y, z = (
-        (first + np.arange(n)) * spacing * u
-        for first, n, u in zip(field.origin.tolist(), np.shape(field.phi), axis, strict=True)
-    )
-    return np.asarray(x[:, None, None] + y[None, :, None] + z[None, None, :])
+def _recoil(
+    phi: Floats, places: list[NDArray[np.int64]], spacing: float, ring: ContractileRing,
+    strength: float, plane: Floats,
+) -> Vector:  # fmt: skip
+    """D of ∫ (f - d·∇φ) ∇φ = 0, with f the force of the ring: a ring pulls a cell nowhere."""
+    inside = (slice(1, -1),) * 3
+    slope = np.gradient(np.pad(phi, 1), spacing)
+    xx, xy, xz = np.gradient(slope[0], spacing)
+    _, yy, yz = np.gradient(slope[1], spacing)
+    zz = np.gradient(slope[2], spacing, axis=2)
+    second = [part[inside] for part in (xx, yy, zz, xy, xz, yz)]
+    gradient = np.stack([part[inside] for part in slope])
+    force = ring.force(strength, plane, phi, gradient, second, places)
+    whole = (force * gradient).sum(axis=(1, 2, 3))
+    drag = np.array([[(one * other).sum() for other in gradient] for one in gradient])
+    x, y, z = np.linalg.solve(drag, whole).tolist()
+    return x, y, z
