@@ -70,6 +70,7 @@ _EXPORTS = {
     "Centrifuge": "physics.centrifuge",
     "Chemotaxis": "physics.chemotaxis",
     "AxialTension": "physics.axial_tension",
+    "ContractileRing": "physics.contractile_ring",
     "Flow": "physics.flow",
     "Gravity": "physics.gravity",
     "Polarity": "physics.polarity",
@@ -142,6 +143,7 @@ if TYPE_CHECKING:
     from morphosim.physics.axial_tension import AxialTension
     from morphosim.physics.centrifuge import Centrifuge
     from morphosim.physics.chemotaxis import Chemotaxis
+    from morphosim.physics.contractile_ring import ContractileRing
     from morphosim.physics.flow import Flow
     from morphosim.physics.gravity import Gravity
     from morphosim.physics.parameters import Physics
@@ -202,6 +204,7 @@ __all__ = [
     "ColumnarLayer",
     "Concern",
     "Conditions",
+    "ContractileRing",
     "Differentiation",
     "DistributedSimulation",
     "DivergenceError",

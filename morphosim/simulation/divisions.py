@@ -240,16 +240,12 @@ class Divisions(Changes):
     def _look_at_furrows(self, names: Sequence[str]) -> None:
         """Find where furrows lie now, and whether their necks have closed."""
         table, spacing = self.engine.everyone, self.engine.numerics.spacing
-        ring = next((term for term in self._rings), None)
-        if ring is None:  # there is none any more: cells are cut when their time is over
-            return
-        rows = table.rows(names)
-        strengths = (self.physics.surface_tension.tensions(table) * ring.strengths.of_each(table))[
-            rows
-        ]
-        for name, row, strength in zip(names, rows.tolist(), strengths.tolist(), strict=True):
-            field = self.engine.field(row)
-            self._furrows[name] = self._furrows[name].seen(field, spacing, ring, strength)
+        for ring in self._rings:  # without one, cells are cut when their time is over
+            strengths = self.physics.surface_tension.tensions(table) * ring.strengths.of_each(table)
+            for name in names:
+                row = table.row(name)
+                seen = self._furrows[name].seen
+                self._furrows[name] = seen(self.engine.field(row), spacing, ring, strengths[row])
 
     def _go_on_dividing(self, before: int) -> None:
         """After a step, which has begun at the tick `before`: follow furrows, cut what is due."""

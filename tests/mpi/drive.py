@@ -20,6 +20,7 @@ from morphosim import (
     Cell,
     CellChange,
     Column,
+    ContractileRing,
     Differentiation,
     Division,
     Duration,
@@ -65,6 +66,9 @@ STICKY = Physics(sigma=0.3, kappa=0.05)
 """What most scenes have, so that their step is compiled once."""
 
 
+RING = ContractileRing(strength=12.0)
+
+
 def numerics(**values: Any) -> Numerics:
     """Iterations in single precision, unless told otherwise."""
     chosen = {"dt": 1.0, "precision": "single", "solver": "band", "threads": 1}
@@ -83,24 +87,28 @@ def moving() -> Scene:
 
 
 def staged() -> Scene:
-    """A division, a removal, cells that differentiate, and a stage that ends in the past."""
+    """Divisions, one of which takes time, a removal, differentiation, and an end in the past."""
     middle = packed_points(12, RADIUS).mean(axis=0)
     shell = EllipsoidShell(center=middle, semi_axes=(16, 16, 16))
     pairs = {("c0", "c1"): 0.9}
     sigma = Attraction(types={("A", "A"): 0.5, ("A", "B"): 0.3}, sisters=0.8, pairs=pairs)
     divide = Division(cell="c2", daughters=("c2a", "c2p"), axis=(1, 0, 0), fraction=0.4)
+    slowly = Division(cell="c5", daughters=("c5a", "c5p"), axis=(0, 1, 1), over=30.0)
     first = Stage(name="first", end=Duration(6), events=[divide])
     second = Stage(
         name="second", end=QuasiSteady(), limit=60,
-        physics={"sigma": Attraction(default=0.6, pairs=pairs), "terms": [Turning(), Ageing()]},
+        physics={
+            "sigma": Attraction(default=0.6, pairs=pairs), "terms": [Turning(), Ageing(), RING]
+        },
         events=[
+            slowly,
             Removal(cells=["c3"], above={"z": 20.0}),
             Differentiation(of="A", touching="B", into="C"),
             CellChange(cells=["c0"], values={"frozen": True}),
         ],
     )  # fmt: skip
     return Scene(
-        cells=cells(12), physics=Physics(sigma=sigma, terms=[Turning()]), confinement=shell,
+        cells=cells(12), physics=Physics(sigma=sigma, terms=[Turning(), RING]), confinement=shell,
         numerics=numerics(dt=2.0),
         stages=[first, second], duration=80, save_every=20, save_fields="exact",
     )  # fmt: skip
