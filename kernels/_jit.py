@@ -29,8 +29,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numba
+from llvmlite.binding import Linkage
 from numba.core import types
 from numba.core.compiler import Compiler
+from numba.core.compiler_machinery import AnalysisPass, register_pass
+from numba.core.typed_passes import AnnotateTypes
 from numba.extending import overload
 
 from morphosim.kernels._shared_cache import share
@@ -136,8 +139,50 @@ def _cached_in(folder: str) -> Iterator[None]:
 CACHE = _find_cache()
 
 
-class _Apart(Compiler):  # type: ignore[misc]  # Numba has no types
-    """Compiler of functions whose arrays do not overlap where they are written."""
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _KeepCopies(AnalysisPass):  # type: ignore[misc]  # Numba has no types
+    """Let nobody else see the copies that a compiled function has of what it calls."""
+
+    _name = "keep_copies"
+
+    def __init__(self) -> None:
+        AnalysisPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        library = state.targetctx.codegen().create_library(state.func_id.func_qualname)
+        library.enable_object_caching()
+        finish = library._finalize_final_module
+
+        def finish_alone() -> None:
+            for function in library._final_module.functions:
+                if function.linkage == Linkage.linkonce_odr:
+                    function.linkage = Linkage.internal
+            finish()
+
+        library._finalize_final_module = finish_alone
+        state.library = library  # into which Numba puts the function
+        return False
+
+
+class _Whole(Compiler):  # type: ignore[misc]  # Numba has no types
+    """Compiler of functions that run as they are kept: with their own copies of what they call.
+
+    Of a helper that several kernels have copies of, the process that compiles them would run the
+    first for all, and one that loads a kernel that kernel's own; with fast-math these may differ in
+    their last bits.
+    """
+
+    def define_pipelines(self) -> list[Any]:
+        """Numba's, with the copies kept."""
+        pipelines = super().define_pipelines()
+        for pipeline in pipelines:
+            pipeline.add_pass_after(_KeepCopies, AnnotateTypes)
+            pipeline.finalize()
+        return list(pipelines)
+
+
+class _Apart(_Whole):
+    """Compiler of functions whose arrays do not overlap where they are written, too."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -152,7 +197,7 @@ def kernel(
     Compiled code is `kept` on disk, but that of generators: Numba does not find them there again.
     Kernels that they are a part of are kept with them.
     """
-    compiler = Compiler if overlapping else _Apart
+    compiler = _Whole if overlapping else _Apart
 
     def decorate(function: Callable[..., Any]) -> Any:
         with _cached_in(CACHE.folder or ""):

@@ -69,7 +69,7 @@ class ContractileRing(Term):
         w, half the width of the band, µm.
     """
 
-    strength: float = 5.0
+    strength: float = 8.0
     strength_by_type: Mapping[str, float] = field(default_factory=dict)
     width: float = 1.5
 

@@ -8,6 +8,7 @@ import threading
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from filelock import FileLock
 from numba.core.caching import FunctionCache
@@ -186,3 +187,21 @@ def test_entries_of_a_cache_are_made_one_at_a_time(
         assert entries == []
     saving.join(10)
     assert len(entries) == 1
+
+
+def test_a_kernel_runs_its_own_copies_of_what_it_calls() -> None:
+    """As a process does that loads it: no other kernel can give it others."""
+
+    @_jit.kernel(kept=False)
+    def helper(x):  # type: ignore[no-untyped-def]
+        return x if x < 2 else helper(x - 1) + helper(x - 2)
+
+    @_jit.kernel(kept=False)
+    def outer(values):  # type: ignore[no-untyped-def]
+        for k in range(len(values)):
+            values[k] = helper(values[k])
+
+    outer(np.ones(3))
+    ((_, compiled),) = outer.overloads.items()
+    (copy,) = (f for f in compiled.library.get_defined_functions() if "helper" in f.name)
+    assert copy.linkage.name == "internal"
