@@ -13,6 +13,7 @@ from morphosim.kernels._jit import entry, inline_kernel, kernel
 from morphosim.kernels.frames import strides
 from morphosim.kernels.points import (
     begin_of_block,
+    feels,
     force_at_point,
     place_in_block,
     wanted_second,
@@ -68,7 +69,7 @@ def force(
 @kernel()
 def blocks_right_hand_side(
     blocks, n, first, phi, psi, repulsion, history, rhs, memory, start, sx, sy, stencil, scheme,
-    well, half, pressure, dx, dy, dz, points, i, origin, use_repulsion, mobility,
+    well, half, pressure, dx, dy, dz, i, origin, use_repulsion, mobility, points,
 ):  # fmt: skip
     """`right_hand_side` of the blocks given; the cell's history begins at `first`."""
     a0, a1, b0, b1, e0, e1 = scheme.a0, scheme.a1, scheme.b0, scheme.b1, scheme.e0, scheme.e1
@@ -124,8 +125,12 @@ def right_hand_side(
     """
     sx, sy = strides(i, boxes)
     dx, dy, dz = entry(drift, i, 0), entry(drift, i, 1), entry(drift, i, 2)
-    blocks_right_hand_side(
+    given = (
         blocks, n, boxes.start[i], phi, psi, repulsion, history, rhs, memory, start,
         np.uint64(sx), np.uint64(sy), stencil, scheme, terms.well[i], half, terms.pressure[i], dx,
-        dy, dz, terms.points, i, boxes.origin, use_repulsion, entry(terms.mobility, i, 0),
+        dy, dz, i, boxes.origin, use_repulsion, entry(terms.mobility, i, 0),
     )  # fmt: skip
+    if feels(terms.points, i):
+        blocks_right_hand_side(*given, terms.points)
+    else:
+        blocks_right_hand_side(*given, None)

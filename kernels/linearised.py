@@ -32,7 +32,7 @@ from morphosim.kernels.boxes import (
 from morphosim.kernels.columns import gather
 from morphosim.kernels.forces import force, gradient
 from morphosim.kernels.frames import copy_row, strides
-from morphosim.kernels.points import begin_of_block
+from morphosim.kernels.points import begin_of_block, feels
 from morphosim.kernels.rows import (
     BLOCK,
     FRAME,
@@ -63,7 +63,7 @@ MISSED, MOVED, SQUARE, N_CHANGES = 0, 1, 2, 3
 @kernel()
 def blocks_residual(
     blocks, n, first, phi, psi, repulsion, last, rhs, slopes, damping, sx, sy, stencil, rate, well,
-    half, pressure, dx, dy, dz, points, i, origin, use_repulsion, mobility,
+    half, pressure, dx, dy, dz, i, origin, use_repulsion, mobility, points,
 ):  # fmt: skip
     """F - τ/δt (φ* - φⁿ), |∇φ*| and D of the blocks given; the cell begins at `first` in `last`."""
     three = half + half + half + half + half + half
@@ -118,12 +118,16 @@ def residual(
     """Right-hand side but for γΔφ* and q, |∇φ*| and D of cell i, and their `sums_of`."""
     sx, sy = strides(i, boxes)
     dx, dy, dz = entry(terms.drift, i, 0), entry(terms.drift, i, 1), entry(terms.drift, i, 2)
-    blocks_residual(
+    given = (
         blocks, n, boxes.start[i], frames[PHI], psi, stretches[R], phi, stretches[RHS],
         stretches[SLOPE], stretches[DAMPING], np.uint64(sx), np.uint64(sy), stencil, rate,
-        terms.well[i], half, terms.pressure[i], dx, dy, dz, terms.points, i, boxes.origin,
-        use_repulsion, entry(terms.mobility, i, 0),
+        terms.well[i], half, terms.pressure[i], dx, dy, dz, i, boxes.origin, use_repulsion,
+        entry(terms.mobility, i, 0),
     )  # fmt: skip
+    if feels(terms.points, i):
+        blocks_residual(*given, terms.points)
+    else:
+        blocks_residual(*given, None)
     sums_of(
         stretch_length(i, boxes, False), stretches[RHS], stretches[SLOPE], stretches[DAMPING], sums
     )

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from numbers import Number
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numba
@@ -28,8 +28,8 @@ from morphosim.kernels._jit import FAST_MATH
 from morphosim.kernels.frames import box_point
 from morphosim.kernels.stencils import second_derivatives
 
-_KNOWN: dict[str, tuple[Any, int]] = {}
-"""Compiled functions by the name of their field, and how many arguments the greediest takes."""
+_KNOWN: dict[str, "_Known"] = {}
+"""What records hold, by the name of their field."""
 _CHECKED: set[tuple[str, str, int]] = set()
 """Name, type of the fields and number of values of the forces that `_check` has seen."""
 _HELPERS: "WeakKeyDictionary[Any, str]" = WeakKeyDictionary()
@@ -42,11 +42,22 @@ _BY_NAME = {"builtins", "cmath", "math", "numba", "numpy"}
 """Packages whose functions are known by their names."""
 
 
+class _Known(NamedTuple):
+    """Sum of all forces at points."""
+
+    function: Any
+    """Compiled."""
+    arguments: int
+    """How many the greediest takes."""
+    firsts: tuple[int, ...]
+    """Places of the values that are 0 of cells which feel none; () if all cells may."""
+
+
 class PointForce:
     """A compiled function f(values, phi, gx, gy, gz, laplacian[, second[, place]])."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.function = function
+    def __init__(self, function: Callable[..., Any], rests: bool) -> None:
+        self.function, self.rests = function, rests
         self._compiled: dict[str, Any] = {}
 
     @property
@@ -78,7 +89,7 @@ class PointForce:
         return self.function(*arguments)
 
 
-def point_force(function: Callable[..., Any]) -> PointForce:
+def point_force(function: Callable[..., Any], rests: bool = False) -> PointForce:
     """Make a force at a point of a plain function of numbers.
 
     Parameters
@@ -90,6 +101,8 @@ def point_force(function: Callable[..., Any]) -> PointForce:
         kernel: take arithmetic and NumPy functions of numbers only. `values` and the others have
         the type of the fields, constants in the function are double, which costs speed in single
         precision.
+    rests : bool
+        Whether it is 0 on cells whose first value is 0: these then cost nothing.
 
     Raises
     ------
@@ -110,7 +123,7 @@ def point_force(function: Callable[..., Any]) -> PointForce:
             "and place"
         )
         raise ValueError(message)
-    force = PointForce(function)
+    force = PointForce(function, rests)
     _ = force.name  # so that what it takes from outside is looked at now
     return force
 
@@ -271,8 +284,12 @@ def records(
     for k, (other, _) in enumerate(others, 1):
         first = sum(widths[:k])
         name, function = f"{name}_{first}_{other.name}", _both(function, first, _with_all(other))
+    if all(each.rests for each, _ in parts):
+        name, firsts = f"{name}_rests", tuple(sum(widths[:k]) for k in range(len(parts)))
+    else:
+        firsts = ()
     if name not in _KNOWN:
-        _KNOWN[name] = function, max(each.arguments for each, _ in parts)
+        _KNOWN[name] = _Known(function, max(each.arguments for each, _ in parts), firsts)
     result = np.zeros(n, [(name, dtype, (sum(widths),))])
     fill(result, [values for _, values in parts])
     return result
@@ -404,7 +421,35 @@ def _both(first: Any, begin: int, other: Any) -> Any:
 def _wanted(names: Any) -> int:
     """How many arguments the functions of these records want at most."""
     (name,) = names
-    return _KNOWN[name][1]
+    return _KNOWN[name].arguments
+
+
+def feels(points: Any, i: Any) -> Any:
+    """Whether cell i may feel a force at points."""
+    if points is None:
+        return False
+    (name,) = points.dtype.names
+    firsts = _KNOWN[name].firsts
+    return not firsts or any(points[i][name][k] != 0 for k in firsts)
+
+
+@overload(feels, jit_options={"forceinline": True})
+def _typed_feels(points, i):  # without types: as in `_jit`
+    """Look, if the type of `points` says that cells may rest."""
+    if isinstance(points, types.NoneType):
+        return lambda points, i: False
+    (name,) = points.dtype.fields
+    firsts = _KNOWN[name].firsts
+    if not firsts:
+        return lambda points, i: True
+
+    def found(points, i):
+        for k in firsts:  # noqa: SIM110 (Numba has no `any`)
+            if points[i][name][k] != 0:
+                return True
+        return False
+
+    return found
 
 
 def wanted_second(points: Any, phi: Any, p: Any, sx: Any, sy: Any, stencil: Any) -> Any:
@@ -415,7 +460,7 @@ def wanted_second(points: Any, phi: Any, p: Any, sx: Any, sy: Any, stencil: Any)
 
 
 @overload(wanted_second, jit_options={"forceinline": True})
-def _typed_wanted_second(points, phi, p, sx, sy, stencil):  # without types: as in `_jit`
+def _typed_wanted_second(points, phi, p, sx, sy, stencil):  # as above
     """Compute them if the function that the type of `points` names takes them."""
     if isinstance(points, types.NoneType) or _wanted(points.dtype.fields) < WITH_SECOND:
         return lambda points, phi, p, sx, sy, stencil: None
@@ -470,7 +515,7 @@ def force_at_point(
 ) -> Any:  # fmt: skip
     """Force of all point functions on cell i."""
     (name,) = points.dtype.names
-    function = _KNOWN[name][0].py_func
+    function = _KNOWN[name].function.py_func
     return function(points[i][name], phi, gx, gy, gz, laplacian, second, place)
 
 
@@ -480,7 +525,7 @@ def _typed_force_at_point(points, i, phi, gx, gy, gz, laplacian, second, place):
     if isinstance(points, types.NoneType):
         return lambda points, i, phi, gx, gy, gz, laplacian, second, place: phi
     (name,) = points.dtype.fields
-    function, _ = _KNOWN[name]
+    function = _KNOWN[name].function
     return lambda points, i, phi, gx, gy, gz, laplacian, second, place: function(
         points[i][name], phi, gx, gy, gz, laplacian, second, place
     )

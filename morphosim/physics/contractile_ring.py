@@ -13,6 +13,7 @@ ring.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -38,7 +39,7 @@ NARROWEST = 2.0
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
-@point_force
+@partial(point_force, rests=True)
 def hoop_tension(values, phi, gx, gy, gz, laplacian, second, place):  # type: ignore[no-untyped-def]
     """F - d·∇φ; `values` are γ χ, p, a, b, d and `FLATTEST`."""
     xx, yy, zz, xy, xz, yz = second

@@ -18,7 +18,7 @@ from .conftest import NEED_COMPILATION
 NOT_KERNELS = {
     "frames.frame_shapes", "frames.frame_sizes", "points.fill", "points.point_force",
     "points.records", "points.force_at_point", "points.wanted_second", "points.begin_of_block",
-    "points.place_in_block", "rows.add_ends",
+    "points.place_in_block", "points.feels", "rows.add_ends",
     "rows.beyond", "rows.fetch", "rows.whole_rows", "rows.write_block", "sharing.equal_shares",
     "sharing.shares_of", "sharing.take",
 }  # fmt: skip
