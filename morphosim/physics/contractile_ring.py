@@ -34,6 +34,7 @@ PLANE = Column(
 """a and b of d / w = a·r - b at the lattice position r, and the drift d that is taken off; all 0 of
 a cell that does not divide."""
 LARGEST = 20.0
+"""Bound of χ."""
 NARROWEST = 2.0
 """Least half width of a band, in lattice steps."""
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -41,7 +42,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 @partial(point_force, rests=True)
 def hoop_tension(values, phi, gx, gy, gz, laplacian, second, place):  # type: ignore[no-untyped-def]
-    """F - d·∇φ; `values` are γ χ, p, a, b, d and `FLATTEST`."""
+    """Force f - d·∇φ; `values` are γ χ, p, a, b, d and `FLATTEST`."""
     xx, yy, zz, xy, xz, yz = second
     x, y, z = place
     px, py, pz = values[1], values[2], values[3]
@@ -147,17 +148,10 @@ class ContractileRing(Term):
         return Concern(least / self.width, text)
 
 
-def ring_of(terms: Iterable[Term], where: str) -> ContractileRing:
-    """The contractile ring among force terms.
-
-    Raises
-    ------
-    ValueError
-        There is none.
-    """
-    for term in terms:
-        if isinstance(term, ContractileRing) and term.present:
-            return term
+def require_ring(terms: Iterable[Term], where: str) -> None:
+    """Raise ValueError if there is no contractile ring among force terms."""
+    if any(isinstance(term, ContractileRing) and term.present for term in terms):
+        return
     message = (
         f"{where}: a division that takes time needs the force term contractile_ring, which draws "
         "in the furrow; add it to the physics, or leave `over` out"

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from morphosim import _validate
 from morphosim.geometry.phase_field import least_volume
 from morphosim.numerics.parameters import Numerics
-from morphosim.physics.contractile_ring import ring_of
+from morphosim.physics.contractile_ring import require_ring
 from morphosim.physics.parameters import Physics
 from morphosim.scene.cell import CHANGEABLE, VolumeFunction, check_values, volume_at
 from morphosim.scene.ends import Duration
@@ -97,7 +97,7 @@ class Rehearsal:
             message = f"cell {cell!r} is dividing already, into {first!r} and {second!r}"
             raise ValueError(message)
         if over:
-            ring_of(self.physics.terms, f"division of {cell!r}: over")
+            require_ring(self.physics.terms, f"division of {cell!r}: over")
         for name in daughters:
             if name in self.used:
                 message = f"daughter {name!r} of {cell!r}: a cell has or had this name already"

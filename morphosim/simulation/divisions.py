@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from morphosim import _validate
 from morphosim.cell_field import CellField
-from morphosim.physics.contractile_ring import PLANE, ContractileRing, ring_of
+from morphosim.physics.contractile_ring import PLANE, ContractileRing, require_ring
 from morphosim.scene.cell import VolumeFunction, check_values, volume_at
 from morphosim.simulation import growth, lineage_names
 from morphosim.simulation.changes import Changes, Rows, listed, several
@@ -214,7 +214,7 @@ class Divisions(Changes):
         shares: Sequence[float], types: Any, volumes: Any, over: float,
     ) -> None:  # fmt: skip
         """Let cells begin to divide."""
-        ring_of(self.physics.terms, f"division of {names[0]!r}: over")
+        require_ring(self.physics.terms, f"division of {names[0]!r}: over")
         until = self.engine.ticks + self.engine.numerics.ticks_to(over, "over")
         begun = {}
         for k, name in enumerate(names):
@@ -265,10 +265,12 @@ class Divisions(Changes):
         for kind in sorted({furrow.says for furrow in furrows.values()}):
             group = [name for name in names if furrows[name].says == kind]
             members = [furrows[name] for name in group]
+            said: dict[str, Any] = {
+                what: [getattr(each, what) for each in members] for what in kind
+            }
             self.divide_cells(
                 group, axes=[each.axis for each in members],
-                fractions=[each.fraction for each in members],
-                **{what: [getattr(each, what) for each in members] for what in kind},
+                fractions=[each.fraction for each in members], **said,
             )  # fmt: skip
 
     @property

@@ -65,10 +65,11 @@ class Furrow:
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Self:
         """What a checkpoint said."""
-        return cls(**{
+        values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in table.items()
-        })  # fmt: skip
+        }
+        return cls(**values)
 
     def seen(
         self, field: CellField, spacing: float, ring: ContractileRing, strength: float
@@ -118,14 +119,14 @@ def _recoil(
 ) -> Vector:  # fmt: skip
     """D of ∫ (f - d·∇φ) ∇φ = 0, with f the force of the ring: a ring pulls a cell nowhere."""
     inside = (slice(1, -1),) * 3
-    slope = np.gradient(np.pad(phi, 1), spacing)
+    slope: Any = np.gradient(np.pad(phi, 1), spacing)
     xx, xy, xz = np.gradient(slope[0], spacing)
     _, yy, yz = np.gradient(slope[1], spacing)
     zz = np.gradient(slope[2], spacing, axis=2)
     second = [part[inside] for part in (xx, yy, zz, xy, xz, yz)]
-    gradient = np.stack([part[inside] for part in slope])
+    gradient = [part[inside] for part in slope]
     force = ring.force(strength, plane, phi, gradient, second, places)
-    whole = (force * gradient).sum(axis=(1, 2, 3))
+    whole = np.array([(force * one).sum() for one in gradient])
     drag = np.array([[(one * other).sum() for other in gradient] for one in gradient])
     x, y, z = np.linalg.solve(drag, whole).tolist()
     return x, y, z

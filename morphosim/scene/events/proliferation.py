@@ -13,7 +13,7 @@ from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.geometry.phase_field import least_volume
 from morphosim.measure.measurement import centroids_and_axes
-from morphosim.physics.contractile_ring import ring_of
+from morphosim.physics.contractile_ring import require_ring
 from morphosim.scene.events.living import (
     BORN,
     COURSE,
@@ -135,7 +135,7 @@ class Proliferation:
         """See `Event`; who divides is not known."""
         rehearse_types("proliferation", self.types, rehearsal)
         if self.over:
-            ring_of(rehearsal.physics.terms, "proliferation: over")
+            require_ring(rehearsal.physics.terms, "proliferation: over")
         if isinstance(self.into, Mapping):
             for kind in self.into:
                 rehearsal.check_type("proliferation: into", kind)
