@@ -280,8 +280,8 @@ class Divisions(Changes):
 
     def _set_rings(self) -> None:
         """Tell the contractile ring where the furrows lie."""
-        for ring in self._rings:
-            table, spacing = self.engine.everyone, self.engine.numerics.spacing
+        table, spacing = self.engine.everyone, self.engine.numerics.spacing
+        for ring in self._rings if PLANE.name in table else ():
             planes = table[PLANE.name]
             planes[:] = 0
             for name, furrow in self._furrows.items():
