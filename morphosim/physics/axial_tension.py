@@ -13,9 +13,9 @@ A tension γ (1 + χ p·n), more at one end than at the other, has no effect tha
 so: its energy is that of χ = 0, since ∮ p·n = 0 over a closed surface. See docs/terms.md.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ from morphosim.kernels.points import point_force
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.added_curvature import FLATTEST, explicit_rate
 from morphosim.physics.by_type import ByType
-from morphosim.physics.term import Conditions, Term
+from morphosim.physics.term import Conditions
+from morphosim.physics.term_by_type import TermByType
 
 Floats = NDArray[np.float64]
 SMALLEST, LARGEST = -0.75, 8.0
@@ -54,7 +55,7 @@ def weighted_curvature(values, phi, gx, gy, gz, laplacian, second):  # type: ign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AxialTension(Term):
+class AxialTension(TermByType):
     """Surface tension γ √(1 + χ (p·n)²), n the normal, by which cells are long along an axis p.
 
     Attributes
@@ -78,32 +79,19 @@ class AxialTension(Term):
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        self.strength.validate(least=SMALLEST, most=LARGEST)
+        self.strengths.validate(least=SMALLEST, most=LARGEST)
         if self.direction is not None:
             _validate.direction("axial_tension.direction", self.direction)
 
     @property
-    def strength(self) -> ByType:
+    def strengths(self) -> ByType:
         """χ, by type."""
         return ByType("axial_tension.chi", self.chi, self.chi_by_type)
-
-    @property
-    def present(self) -> bool:
-        """Whether any cell's tension differs by direction."""
-        return self.strength.acts
 
     @property
     def point_varies(self) -> bool:  # type: ignore[override]
         """Whether p turns."""
         return self.direction is None
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `chi_by_type` names a type that is not one of these."""
-        self.strength.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, chi_by_type=self.strength.among(types))
 
     def prepare(self, cells: CellTable, numerics: Numerics) -> None:
         """Raise ValueError if p is to be a polarity that cells do not have."""
@@ -122,12 +110,12 @@ class AxialTension(Term):
         else:
             axis = _validate.direction("axial_tension.direction", self.direction)
             axes = np.broadcast_to(axis, (n, 3))
-        chi, constants = self.strength.of_each(cells), np.tile([FLATTEST, 2.0], (n, 1))
+        chi, constants = self.strengths.of_each(cells), np.tile([FLATTEST, 2.0], (n, 1))
         return np.column_stack([cells["tension"], chi, axes, constants])
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """That of the finest waves along p, where it is more than γΔφ makes up for."""
-        chis = [self.strength.of(kind) for kind in conditions.types]
+        chis = [self.strengths.of(kind) for kind in conditions.types]
         return explicit_rate(_most_added(chis), conditions)
 
     @property

@@ -1,8 +1,7 @@
 """A centrifuge: a force away from an axis, which grows with the distance."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,13 +10,14 @@ from morphosim import _validate
 from morphosim._shown import short_repr
 from morphosim.physics.by_type import ByType
 from morphosim.physics.steady_drift import too_fast
-from morphosim.physics.term import Concern, Conditions, Environment, Term
+from morphosim.physics.term import Concern, Conditions, Environment
+from morphosim.physics.term_by_type import TermByType
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Centrifuge(Term):
+class Centrifuge(TermByType):
     """ψ = k r²/2, r the distance to an axis: a small cell moves outwards with the velocity k r/τ.
 
     Attributes
@@ -52,19 +52,6 @@ class Centrifuge(Term):
     def strengths(self) -> ByType:
         """k, by type."""
         return ByType("centrifuge.strength", self.strength, self.strength_by_type)
-
-    @property
-    def present(self) -> bool:
-        """Whether any cell is driven."""
-        return self.strengths.acts
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `strength_by_type` names a type that is not one of these."""
-        self.strengths.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, strength_by_type=self.strengths.among(types))
 
     def surround(self, environment: Environment) -> None:
         """Add ψ."""

@@ -1,8 +1,8 @@
 """Chemotaxis: cells climb, or flee, a concentration that is given."""
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,8 @@ from morphosim.cell_table import CellTable
 from morphosim.geometry.signed_distance import Image
 from morphosim.physics.by_type import ByType
 from morphosim.physics.steady_drift import too_fast
-from morphosim.physics.term import Concern, Conditions, Environment, Forces, Step, Term
+from morphosim.physics.term import Concern, Conditions, Environment, Forces, Step
+from morphosim.physics.term_by_type import TermByType
 
 Floats = NDArray[np.float64]
 SOURCES = ("gradient", "function", "values")
@@ -22,7 +23,7 @@ SAMPLES = 25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Chemotaxis(Term):
+class Chemotaxis(TermByType):
     """- ∇φ·∇ψ with ψ = χ C, or χ C / (1 + C/K): a small cell moves with the velocity ∇ψ/τ.
 
     The second is that of receptors of which half are bound at the concentration K (Lapidus and
@@ -66,7 +67,7 @@ class Chemotaxis(Term):
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        self.strength.validate()
+        self.strengths.validate()
         given = [name for name in SOURCES if getattr(self, name) is not None]
         if len(given) != 1:
             said = " and ".join(given) or "none"
@@ -103,7 +104,7 @@ class Chemotaxis(Term):
             raise ValueError(message)
 
     @property
-    def strength(self) -> ByType:
+    def strengths(self) -> ByType:
         """χ, by type."""
         return ByType("chemotaxis.sensitivity", self.sensitivity, self.sensitivity_by_type)
 
@@ -117,29 +118,16 @@ class Chemotaxis(Term):
         """Whether it adds a drift."""
         return self.uniform
 
-    @property
-    def present(self) -> bool:
-        """Whether any cell responds."""
-        return self.strength.acts
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `sensitivity_by_type` names a type that is not one of these."""
-        self.strength.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, sensitivity_by_type=self.strength.among(types))
-
     def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
         """Add the drift of a uniform gradient."""
         if self.uniform:
             slope = np.asarray(self.gradient, np.float64)
-            forces.drift[:] -= np.outer(self.strength.of_each(cells), slope)
+            forces.drift[:] -= np.outer(self.strengths.of_each(cells), slope)
 
     def surround(self, environment: Environment) -> None:
         """Add ψ, where its gradient is not the same everywhere."""
         if not self.uniform:
-            environment.add_potential(self, self.signal, strength=self.strength)
+            environment.add_potential(self, self.signal, strength=self.strengths)
 
     def concentration(self, x: Floats, y: Floats, z: Floats) -> Floats:
         """C at points in µm; ValueError if a function gives something that is none."""
@@ -172,7 +160,7 @@ class Chemotaxis(Term):
     def concern(self, conditions: Conditions) -> Concern | None:
         """Cells that climb too far in a step; of a function, as far as walls say where."""
         steepest = self._steepest(conditions)
-        sensitivity = self.strength.largest(conditions.types)
+        sensitivity = self.strengths.largest(conditions.types)
         what = (
             f"chemotaxis.sensitivity = {sensitivity:g} with gradients up to {steepest:.3g} per µm"
         )

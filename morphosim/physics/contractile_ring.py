@@ -11,10 +11,10 @@ taken off, by which the forces on the cell sum up to none. Only cells that divid
 ring.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from morphosim.kernels.points import point_force
 from morphosim.physics.added_curvature import FLATTEST, explicit_rate
 from morphosim.physics.by_type import ByType
 from morphosim.physics.term import Concern, Conditions, Term
+from morphosim.physics.term_by_type import TermByType
 
 Floats = NDArray[np.float64]
 PLANE = Column(
@@ -57,7 +58,7 @@ def hoop_tension(values, phi, gx, gy, gz, laplacian, second, place):  # type: ig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ContractileRing(Term):
+class ContractileRing(TermByType):
     """Tension along a ring around each cell that divides over a time; see `Simulation.divide`.
 
     Attributes
@@ -91,19 +92,6 @@ class ContractileRing(Term):
     def strengths(self) -> ByType:
         """χ, by type."""
         return ByType("contractile_ring.strength", self.strength, self.strength_by_type)
-
-    @property
-    def present(self) -> bool:
-        """Whether any cell's ring has a tension."""
-        return self.strengths.acts
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `strength_by_type` names a type that is not one of these."""
-        self.strengths.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, strength_by_type=self.strengths.among(types))
 
     def plane(self, normal: Floats, height: float, spacing: float) -> Floats:
         """(4,) a and b of `PLANE`, for the plane normal·r = height; in µm, as is the spacing."""

@@ -1,8 +1,7 @@
 """Gravity: a force on all of a cell, by which it settles."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,11 +11,12 @@ from morphosim._shown import short_repr
 from morphosim.cell_table import CellTable
 from morphosim.physics.by_type import ByType
 from morphosim.physics.steady_drift import too_fast
-from morphosim.physics.term import Concern, Conditions, Forces, Step, Term
+from morphosim.physics.term import Concern, Conditions, Forces, Step
+from morphosim.physics.term_by_type import TermByType
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gravity(Term):
+class Gravity(TermByType):
     """d·∇φ with d = -w e: a free cell settles with the velocity w/τ along the unit vector e.
 
     The force is per volume, as the friction τ is, so large and small cells settle alike.
@@ -40,33 +40,20 @@ class Gravity(Term):
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        self.strength.validate()
+        self.strengths.validate()
         _validate.direction("gravity.direction", self.direction)
 
     @property
-    def strength(self) -> ByType:
+    def strengths(self) -> ByType:
         """w, by type."""
         return ByType("gravity.weight", self.weight, self.weight_by_type)
-
-    @property
-    def present(self) -> bool:
-        """Whether any cell has weight."""
-        return self.strength.acts
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `weight_by_type` names a type that is not one of these."""
-        self.strength.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, weight_by_type=self.strength.among(types))
 
     def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
         """Add the drift."""
         down = _validate.direction("gravity.direction", self.direction)
-        forces.drift[:] -= np.outer(self.strength.of_each(cells), down)
+        forces.drift[:] -= np.outer(self.strengths.of_each(cells), down)
 
     def concern(self, conditions: Conditions) -> Concern | None:
         """Cells that settle too far in a step."""
-        weight = self.strength.largest(conditions.types)
+        weight = self.strengths.largest(conditions.types)
         return too_fast(f"gravity.weight = {weight:g}", weight, conditions)

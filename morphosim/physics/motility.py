@@ -1,8 +1,7 @@
 """Motility: random motion of cells (Eq. 11, S3)."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,14 +10,15 @@ from morphosim.cell_table import CellTable, Column
 from morphosim.kernels.noise import normal_vectors
 from morphosim.numerics.parameters import Numerics
 from morphosim.physics.by_type import ByType
-from morphosim.physics.term import Concern, Conditions, Forces, Step, Term
+from morphosim.physics.term import Concern, Conditions, Forces, Step
+from morphosim.physics.term_by_type import TermByType
 
 FARTHEST_JUMP = 0.6
 """Largest stable noise: root mean square move per step in widths 1 / √(c/2)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motility(Term):
+class Motility(TermByType):
     """- κ √δt u·∇φ, u standard normal per cell and step (Eq. 11, S3).
 
     As published, a free cell's mean-square displacement along an axis is (κ δt/τ)² t: it depends on
@@ -42,29 +42,16 @@ class Motility(Term):
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        self.strength.validate(least=0)
+        self.strengths.validate(least=0)
 
     @property
-    def strength(self) -> ByType:
+    def strengths(self) -> ByType:
         """κ, by type."""
         return ByType("physics.kappa", self.kappa, self.kappa_by_type)
 
-    @property
-    def present(self) -> bool:
-        """Whether any cell moves."""
-        return self.strength.acts
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `kappa_by_type` names a type that is not one of these."""
-        self.strength.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, kappa_by_type=self.strength.among(types))
-
     def prepare(self, cells: CellTable, numerics: Numerics) -> None:
         """Set κ of each cell."""
-        cells["kappa"][:] = self.strength.of_each(cells)
+        cells["kappa"][:] = self.strengths.of_each(cells)
 
     def update(self, cells: CellTable, step: Step, forces: Forces) -> None:
         """Draw u, and add the drift."""
@@ -84,14 +71,14 @@ class Motility(Term):
 
     def jump(self, conditions: Conditions) -> float:
         """Root mean square move per step, in interface widths, of the most motile type."""
-        kappa = self.strength.largest(conditions.types)
+        kappa = self.strengths.largest(conditions.types)
         return float(
             kappa * conditions.numerics.dt**1.5 / conditions.tau * conditions.interface_scale
         )
 
     def concern(self, conditions: Conditions) -> Concern | None:
         """Noise that moves cells too far in a step."""
-        dt, kappa = conditions.numerics.dt, self.strength.largest(conditions.types)
+        dt, kappa = conditions.numerics.dt, self.strengths.largest(conditions.types)
         jump = self.jump(conditions)
         if jump <= FARTHEST_JUMP:
             return None

@@ -7,9 +7,8 @@ per area of the profile across it, and T_0 = γ √(c/2) / 3 of the free surface
 that of cos θ = - T/T_0. From 180° it falls towards 90° as σ_wall rises: T > 0.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Self
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +18,14 @@ from morphosim.geometry.confinement.protocol import wall_profile
 from morphosim.physics.attraction import STRONGEST
 from morphosim.physics.by_type import ByType
 from morphosim.physics.confinement_repulsion import distance
-from morphosim.physics.term import Concern, Conditions, Environment, Term
+from morphosim.physics.term import Concern, Conditions, Environment
+from morphosim.physics.term_by_type import TermByType
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WallAdhesion(Term):
+class WallAdhesion(TermByType):
     """- ∇φ·∇ψ with ψ = σ_wall φ_w, φ_w = (1 - tanh(√(c/2) d)) / 2, d the depth below the wall.
 
     φ_w is the field of a cell that fills all outside of the confinement, so that walls pull on a
@@ -48,25 +48,12 @@ class WallAdhesion(Term):
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        self.strength.validate(least=0)
+        self.strengths.validate(least=0)
 
     @property
-    def strength(self) -> ByType:
+    def strengths(self) -> ByType:
         """σ_wall, by type."""
         return ByType("wall_adhesion.sigma", self.sigma, self.sigma_by_type)
-
-    @property
-    def present(self) -> bool:
-        """Whether any cell adheres."""
-        return self.strength.acts
-
-    def check(self, names: Collection[str], types: Collection[str]) -> None:
-        """Raise ValueError if `sigma_by_type` names a type that is not one of these."""
-        self.strength.check(types)
-
-    def among(self, names: Collection[str], types: Collection[str]) -> Self:
-        """Copy that says nothing of other types than these."""
-        return replace(self, sigma_by_type=self.strength.among(types))
 
     def surround(self, environment: Environment) -> None:
         """Add ψ; ValueError in open space."""
@@ -83,18 +70,18 @@ class WallAdhesion(Term):
             return wall_profile(distance(walls, x, y, z, step), 1 / scale)
 
         environment.add_potential(
-            self, field_of_walls, walls, scale, step, strength=self.strength, local=True
+            self, field_of_walls, walls, scale, step, strength=self.strengths, local=True
         )
 
     def explicit_rate(self, conditions: Conditions) -> float:
         """σ k |∇φ_w| at k = √(2c): of account when linearised, where no more is."""
         if not conditions.linearised:
             return 0.0
-        return self.strength.largest(conditions.types) * conditions.interface_scale**2
+        return self.strengths.largest(conditions.types) * conditions.interface_scale**2
 
     def concern(self, conditions: Conditions) -> Concern | None:
         """Cells that walls tear apart."""
-        strongest = self.strength.largest(conditions.types)
+        strongest = self.strengths.largest(conditions.types)
         softest = float(conditions.tensions.min())
         limit = STRONGEST["long" if conditions.numerics.dt > 1 else "short"]
         if strongest <= limit * softest:

@@ -65,7 +65,9 @@ def divided(
     """
     where = f"division of cell {field.name!r}"
     direction = direction_of(where, axis)
-    _check_numbers(where, spacing, fraction, scale)
+    _validate.number(f"{where}: spacing", spacing, above=0)
+    _validate.number(f"{where}: scale", scale, above=0)
+    checked_fraction(where, fraction)
     _check_names(where, names)
     phi = np.asarray(field.phi)
     if not (phi > 0.5).any():
@@ -84,14 +86,13 @@ def divided(
     return first, second
 
 
-def _check_numbers(where: str, spacing: float, fraction: float, scale: float) -> None:
-    """Raise unless the fraction is between 0 and 1 and the others are positive."""
-    _validate.number(f"{where}: spacing", spacing, above=0)
-    _validate.number(f"{where}: scale", scale, above=0)
+def checked_fraction(where: str, fraction: float) -> float:
+    """The fraction, which is between 0 and 1."""
     value = _validate.number(f"{where}: fraction", fraction, above=0)
     if value >= 1:
         message = f"{where}: fraction = {fraction!r} is not allowed: it must be < 1"
         raise ValueError(message)
+    return value
 
 
 def direction_of(where: str, axis: ArrayLike) -> Floats:

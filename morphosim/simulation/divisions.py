@@ -13,12 +13,11 @@ from morphosim.physics.contractile_ring import PLANE, ContractileRing, require_r
 from morphosim.scene.cell import VolumeFunction, check_values, volume_at
 from morphosim.simulation import growth, lineage_names
 from morphosim.simulation.changes import Changes, Rows, listed, several
-from morphosim.simulation.division import direction_of, divided
+from morphosim.simulation.division import checked_fraction, direction_of, divided
 from morphosim.simulation.furrows import LOOK, Furrow
 
 Volumes = tuple[float | VolumeFunction, float | VolumeFunction]
 """Target volumes of two daughters, µm³."""
-LARGEST_SHARE = 0.999
 
 
 class Divisions(Changes):
@@ -225,7 +224,7 @@ class Divisions(Changes):
                     "numbers, or leave `over` out"
                 )
                 raise ValueError(message)
-            share = _validate.number(f"{where}: fraction", shares[k], above=0, most=LARGEST_SHARE)
+            share = checked_fraction(where, shares[k])
             x, y, z = direction_of(where, axes[k]).tolist()
             begun[name] = Furrow(
                 daughters=None if pairs is None else pairs[k], axis=(x, y, z), fraction=share,
