@@ -109,6 +109,7 @@ _EXPORTS = {
     "Axis": "sweeps.axes",
     "Range": "sweeps.axes",
     "sweep": "sweeps.run",
+    "fit": "inference.run",
 }
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ if TYPE_CHECKING:
     )
     from morphosim.importers.lineage.scene import lineage_scene
     from morphosim.importers.matlab.scene import import_matlab
+    from morphosim.inference.run import fit
     from morphosim.kernels.points import point_force
     from morphosim.library.built_in import built_in_scene, scene_names
     from morphosim.library.celegans.scenes import celegans_1_to_8, celegans_1_to_102
@@ -259,6 +261,7 @@ __all__ = [
     "celegans_contacts",
     "contact_areas",
     "export",
+    "fit",
     "import_labels",
     "import_matlab",
     "label_image",

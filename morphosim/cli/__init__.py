@@ -3,7 +3,7 @@
 import sys
 import warnings
 
-from morphosim.cli import compute, data, imports, pictures, serve, sweep  # noqa: F401  (each adds its commands)
+from morphosim.cli import compute, data, fit, imports, pictures, serve, sweep  # noqa: F401  (each adds its commands)
 from morphosim.cli.app import INPUT_ERROR, INPUT_ERRORS, UNCHECKED, app
 from morphosim.errors import told
 from morphosim.progress import printable, tell_line

@@ -133,8 +133,8 @@ def import_labels(
     lattice = Numerics() if numerics is None else numerics
     _validate.instance("physics", physics, Physics)
     _validate.instance("numerics", lattice, Numerics)
-    pieces = pieces_of(picture, _least_voxels(least_voxels, picture, lattice.spacing))
-    about = _about([piece.label for piece in pieces], _known(names), frozen, active)
+    pieces = pieces_of(picture, least_voxels_of(least_voxels, picture, lattice.spacing))
+    about = _about([piece.label for piece in pieces], known_cells(names), frozen, active)
     _warn_of_border(pieces, about)
     width = _smoothing(picture) if smoothing is None else smoothing
     scene = Scene(
@@ -192,7 +192,7 @@ def _name(image: LabelImage | str | Path) -> str:
     return "scene" if isinstance(image, LabelImage) else Path(image).name.partition(".")[0]
 
 
-def _least_voxels(given: int | None, image: LabelImage, spacing: float) -> int:
+def least_voxels_of(given: int | None, image: LabelImage, spacing: float) -> int:
     """Number of voxels below which a label is refused."""
     if given is not None:
         return _validate.integer("least_voxels", given, least=1)
@@ -204,7 +204,7 @@ def _smoothing(image: LabelImage) -> float:
     return max(LEAST_SMOOTHING, 2 * float(image.steps.max()))
 
 
-def _known(names: Mapping[int, str] | str | Path | None) -> Mapping[int, dict[str, Any]]:
+def known_cells(names: Mapping[int, str] | str | Path | None) -> Mapping[int, dict[str, Any]]:
     """What is said of each label, as keywords of `Cell`."""
     if names is None:
         return {}

@@ -1,0 +1,1 @@
+"""From images to mechanics: tensions and attractions with which cells stay as they are seen."""

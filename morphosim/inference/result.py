@@ -1,0 +1,170 @@
+"""The answer of a fit as a Dataset."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from morphosim.inference.estimate import TOLD, Misfit
+from morphosim.inference.search import State
+from morphosim.inference.trial import Frame
+from morphosim.inference.unknowns import SPREAD, Unknowns
+from morphosim.measure.contacts import contact_areas
+from morphosim.provenance import processor, versions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from morphosim.cell_field import CellField
+
+Floats = NDArray[np.float64]
+SMALL_CONTACT = 10.0
+"""The attraction of a contact of less than this, µm², is not told: it may be about to open or to
+close, which is fast."""
+GAUGE = "the mean of gamma is held: one image in time tells ratios of tensions and attractions only"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a fit has found."""
+
+    unknowns: Unknowns
+    misfit: Misfit
+    frames: Sequence[Frame]
+    state: State
+    off: Floats
+    """(R, n) by how much replicates are off."""
+    facts: dict[str, Any]
+
+
+def dataset(answer: Answer, final: "Sequence[CellField]", spacing: float) -> "xr.Dataset":
+    """Estimates, uncertainties, what is not told, and what is left over.
+
+    `final` are the fields at the end of the best run.
+    """
+    import xarray as xr
+
+    unknowns, state = answer.unknowns, answer.state
+    slopes = unknowns.slopes(state.vector)
+    linear, noise = answer.misfit.covariance(state.offsets, state.slopes)
+    resampled = np.sqrt((answer.off**2).mean(axis=0)) if len(answer.off) else 0 * state.vector
+    both = linear + np.diag(resampled**2)
+    covariance = slopes @ both @ slopes.T
+    sd = np.sqrt(np.diag(covariance))
+    names = [unknown.name for unknown in unknowns.each]
+    told = np.sqrt(np.diag(both)) < TOLD * SPREAD
+    areas = _seen_areas(answer.frames[-1])
+    for k, unknown in enumerate(unknowns.each):
+        if unknown.kind == "sigma" and len(unknown.cells) == 2:
+            told[k] &= areas.get(unknown.cells, 0.0) >= SMALL_CONTACT
+    scale = np.outer(sd, sd)
+    table = xr.Dataset(
+        {
+            "estimate": ("unknown", unknowns.values(state.vector), {"long_name": "estimate"}),
+            "sd": ("unknown", sd, {"long_name": "standard deviation, of both below"}),
+            "sd_linear": (
+                "unknown", np.sqrt(np.diag(slopes @ linear @ slopes.T)),
+                {"long_name": "standard deviation by the slopes and what is left over"},
+            ),
+            "sd_resampled": (
+                "unknown", np.sqrt(np.diag(slopes @ np.diag(resampled**2) @ slopes.T)),
+                {"long_name": "root mean square of what replicates are off by"},
+            ),
+            "told": ("unknown", told, {"long_name": "whether the images tell it"}),
+            "correlation": (
+                ("unknown", "other"), covariance / np.where(scale > 0, scale, 1.0),
+                {"long_name": "correlation of estimates"},
+            ),
+            "history": (
+                ("round", "unknown"), np.array([unknowns.values(v) for v in state.history]),
+                {"long_name": "estimates after each round"},
+            ),
+        },
+        {"unknown": names, "other": names, "round": np.arange(1, len(state.history) + 1)},
+    )  # fmt: skip
+    table = table.merge(_left_over(answer)).merge(_contacts(answer, final, spacing, areas))
+    table.attrs = answer.facts | {
+        "title": "fit of tensions and attractions to images",
+        "source": f"MorphoSim {versions()['morphosim']}",
+        "machine": processor(),
+        "held": GAUGE if unknowns.gauge else "",
+        "time": state.time,
+        "rounds": state.round,
+        "noise_um": noise[0], "smooth_misfit_um": noise[1],
+    }  # fmt: skip
+    return table
+
+
+def _left_over(answer: Answer) -> "xr.Dataset":
+    """Offsets of patches, and their root mean square of each cell."""
+    import xarray as xr
+
+    patches, names = answer.misfit.patches, np.array([*answer.unknowns.names, ""])
+    cell = np.concatenate([p.cell for p in patches])
+    neighbour = np.concatenate([p.neighbour for p in patches])
+    weight = answer.misfit.weight
+    off = answer.misfit.weighted(answer.state.offsets) / weight
+    share = np.zeros((2, len(names)))
+    for side in (cell, neighbour):
+        np.add.at(share[0], side, weight**2 * off**2)
+        np.add.at(share[1], side, weight**2)
+    return xr.Dataset(
+        {
+            "residual": ("patch", off, {"units": "um", "long_name": "simulated surface lies farther out by"}),
+            "patch_cell": ("patch", names[cell]),
+            "patch_neighbour": ("patch", names[neighbour]),
+            "patch_area": ("patch", np.concatenate([p.area for p in patches]), {"units": "um2"}),
+            "position": (("patch", "axis"), np.concatenate([p.centre for p in patches]), {"units": "um"}),
+            "cell_residual": (
+                "cell", np.sqrt(share[0] / np.maximum(share[1], 1e-12))[:-1],
+                {"units": "um", "long_name": "root mean square of offsets of the cell's surface"},
+            ),
+        },
+        {"cell": list(answer.unknowns.names), "axis": list("xyz")},
+    )  # fmt: skip
+
+
+def _seen_areas(frame: Frame) -> dict[tuple[int, int], float]:
+    """Clear area of each contact of a frame, µm²."""
+    patches = frame.patches
+    areas: dict[tuple[int, int], float] = {}
+    for i, j, area in zip(patches.cell, patches.neighbour, patches.area, strict=True):
+        if j >= 0:
+            areas[int(i), int(j)] = areas.get((int(i), int(j)), 0.0) + float(area)
+    return areas
+
+
+def _contacts(
+    answer: Answer, final: "Sequence[CellField]", spacing: float,
+    seen: dict[tuple[int, int], float],
+) -> "xr.Dataset":  # fmt: skip
+    """Areas of contacts in the last image and at the end of the best run, and what is left over."""
+    import xarray as xr
+
+    names = answer.unknowns.names
+    simulated = contact_areas(final, spacing)
+    pairs = sorted(seen)
+    offsets, patches = answer.state.offsets, answer.misfit.patches
+    cell = np.concatenate([p.cell for p in patches])
+    neighbour = np.concatenate([p.neighbour for p in patches])
+    area = np.concatenate([p.area for p in patches])
+    left = []
+    for i, j in pairs:
+        mine = (cell == i) & (neighbour == j)
+        left.append(
+            np.sqrt(np.average(offsets[mine] ** 2, weights=area[mine])) if mine.any() else np.nan
+        )
+    ends = [
+        simulated.get((names[i], names[j]), simulated.get((names[j], names[i]), 0.0))
+        for i, j in pairs
+    ]
+    return xr.Dataset(
+        {
+            "seen_area": ("contact", [seen[p] for p in pairs], {"units": "um2", "long_name": "clear area in the last image"}),
+            "contact_area": ("contact", ends, {"units": "um2", "long_name": "area at the end of the best run"}),
+            "contact_residual": ("contact", left, {"units": "um", "long_name": "root mean square of offsets"}),
+        },
+        {"contact": [f"{names[i]}-{names[j]}" for i, j in pairs]},
+    )  # fmt: skip
