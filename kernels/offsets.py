@@ -27,7 +27,7 @@ def cubic_weights(t):
 def value_at(pool, origin, shape, start, cell, x, y, z):
     """Field of a cell at a place in lattice steps; 0 outside of its box."""
     a, b, c = x - origin[cell, 0], y - origin[cell, 1], z - origin[cell, 2]
-    i, j, k = int(math.floor(a)), int(math.floor(b)), int(math.floor(c))
+    i, j, k = math.floor(a), math.floor(b), math.floor(c)
     _, ny, nz = shape[cell, 0], shape[cell, 1], shape[cell, 2]
     if min(i, j, k) < 1 or i + 2 >= shape[cell, 0] or j + 2 >= ny or k + 2 >= nz:
         return 0.0

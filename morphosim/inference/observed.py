@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -214,7 +215,7 @@ def _times(times: Sequence[float] | None, images: int) -> list[float]:
     if len(found) != images:
         message = f"there are {len(found)} times and {images} images; give one time for each"
         raise ValueError(message)
-    if any(b <= a for a, b in zip(found, found[1:], strict=False)):
+    if any(b <= a for a, b in pairwise(found)):
         message = f"times = {found} do not rise; give images in the order of time"
         raise ValueError(message)
     return found

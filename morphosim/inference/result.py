@@ -101,29 +101,33 @@ def _left_over(answer: Answer) -> "xr.Dataset":
     """Offsets of patches, and their root mean square of each cell."""
     import xarray as xr
 
-    patches, names = answer.misfit.patches, np.array([*answer.unknowns.names, ""])
+    names = np.array([*answer.unknowns.names, ""])
+    patches, weight = answer.misfit.patches, answer.misfit.weight
     cell = np.concatenate([p.cell for p in patches])
     neighbour = np.concatenate([p.neighbour for p in patches])
-    weight = answer.misfit.weight
     off = answer.misfit.weighted(answer.state.offsets) / weight
-    share = np.zeros((2, len(names)))
+    sums = np.zeros((2, len(names)))
     for side in (cell, neighbour):
-        np.add.at(share[0], side, weight**2 * off**2)
-        np.add.at(share[1], side, weight**2)
+        np.add.at(sums[0], side, weight**2 * off**2)
+        np.add.at(sums[1], side, weight**2)
+    of_cells = np.sqrt(sums[0] / np.maximum(sums[1], 1e-12))[:-1]
+    centre = np.concatenate([p.centre for p in patches])
+    area = np.concatenate([p.area for p in patches])
     return xr.Dataset(
         {
-            "residual": ("patch", off, {"units": "um", "long_name": "simulated surface lies farther out by"}),
+            "residual": _um("patch", off, "simulated surface lies farther out by"),
             "patch_cell": ("patch", names[cell]),
             "patch_neighbour": ("patch", names[neighbour]),
-            "patch_area": ("patch", np.concatenate([p.area for p in patches]), {"units": "um2"}),
-            "position": (("patch", "axis"), np.concatenate([p.centre for p in patches]), {"units": "um"}),
-            "cell_residual": (
-                "cell", np.sqrt(share[0] / np.maximum(share[1], 1e-12))[:-1],
-                {"units": "um", "long_name": "root mean square of offsets of the cell's surface"},
-            ),
+            "patch_area": ("patch", area, {"units": "um2"}),
+            "position": (("patch", "axis"), centre, {"units": "um"}),
+            "cell_residual": _um("cell", of_cells, "root mean square over the cell's surface"),
         },
         {"cell": list(answer.unknowns.names), "axis": list("xyz")},
-    )  # fmt: skip
+    )
+
+
+def _um(dimension: str, values: object, text: str, units: str = "um") -> tuple[Any, ...]:
+    return dimension, values, {"units": units, "long_name": text}
 
 
 def _seen_areas(frame: Frame) -> dict[tuple[int, int], float]:
@@ -150,21 +154,19 @@ def _contacts(
     cell = np.concatenate([p.cell for p in patches])
     neighbour = np.concatenate([p.neighbour for p in patches])
     area = np.concatenate([p.area for p in patches])
-    left = []
+    left, ends = [], []
     for i, j in pairs:
         mine = (cell == i) & (neighbour == j)
-        left.append(
-            np.sqrt(np.average(offsets[mine] ** 2, weights=area[mine])) if mine.any() else np.nan
-        )
-    ends = [
-        simulated.get((names[i], names[j]), simulated.get((names[j], names[i]), 0.0))
-        for i, j in pairs
-    ]
+        square = np.average(offsets[mine] ** 2, weights=area[mine]) if mine.any() else np.nan
+        left.append(float(np.sqrt(square)))
+        pair = names[i], names[j]
+        ends.append(simulated.get(pair, simulated.get(pair[::-1], 0.0)))
+    seen_areas = [seen[pair] for pair in pairs]
     return xr.Dataset(
         {
-            "seen_area": ("contact", [seen[p] for p in pairs], {"units": "um2", "long_name": "clear area in the last image"}),
-            "contact_area": ("contact", ends, {"units": "um2", "long_name": "area at the end of the best run"}),
-            "contact_residual": ("contact", left, {"units": "um", "long_name": "root mean square of offsets"}),
+            "seen_area": _um("contact", seen_areas, "area compared, in the last image", "um2"),
+            "contact_area": _um("contact", ends, "area at the end of the best run", "um2"),
+            "contact_residual": _um("contact", left, "root mean square over the contact"),
         },
         {"contact": [f"{names[i]}-{names[j]}" for i, j in pairs]},
-    )  # fmt: skip
+    )

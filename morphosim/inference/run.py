@@ -141,15 +141,17 @@ def fit(
     """
     need_dask()
     _validate.integer("resamples", resamples, least=0)
+    _validate.flag("M", M)
+    _validate.flag("kappa", kappa)
     if time is not None:
         _validate.number("time", time, above=0)
     seen = _seen(
         observed, scene=scene, names=names, times=times, spacing=spacing, confinement=confinement,
         numerics=numerics,
     )  # fmt: skip
-    asked = {"gamma": gamma, "sigma": sigma, "M": _validate.flag("M", M)}
+    asked = {"gamma": gamma, "sigma": sigma, "M": M}
     model, frames = _model(seen, TIMES[0] if time is None else time, **asked)
-    _check_asked(seen, M=M, kappa=_validate.flag("kappa", kappa))
+    _check_asked(seen, M=M, kappa=kappa)
     still = len(frames) == 1
     compared = frames if still else frames[1:]
     misfit = Misfit(
