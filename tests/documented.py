@@ -57,7 +57,9 @@ INSTEAD = {
     },
     "morphosim warm": "morphosim warm --help",
     "morphosim warm SCENE": "morphosim warm SCENE --help",
-    "morphosim warm mine.toml --preset fast": "morphosim warm mine.toml --preset fast --help",
+    "morphosim fit embryo.tif -o found --scene celegans-8 --table names.csv": (
+        "morphosim fit --help"
+    ),
     "morphosim run sorting -o runs/sorting": "morphosim run sorting --dry-run "
     "--set cells.counts.A=20 --set cells.counts.B=20",
     "mpirun -n 4 python large.py": "mpirun -n 2 python large.py",

@@ -77,7 +77,8 @@ def fit(
         tell_line(f"interrupted; rounds that are done are kept in {output}: give the command again")
         raise typer.Exit(INTERRUPTED) from None
     _report(answer)
-    note(f"written to {output / 'fit.nc'} and {output / 'fit.png'}; the best run: {output / 'run'}")
+    written = [str(path) for path in (output / "fit.nc", output / "fit.png") if path.exists()]
+    note(f"written to {' and '.join(written)}; the best run: {output / 'run'}")
 
 
 def _numbers(text: str) -> list[float] | None:

@@ -53,7 +53,8 @@ class Surfaces:
     @property
     def once(self) -> NDArray[np.bool_]:
         """(P,) whether a point is clear, and of a contact the one of the cell of lower number."""
-        return self.clear & ((self.neighbour == BACKGROUND) | (self.cell < self.neighbour))
+        first = (self.neighbour == BACKGROUND) | (self.cell < self.neighbour)
+        return np.asarray(self.clear & first)
 
     @property
     def contacts(self) -> list[tuple[int, int]]:
@@ -168,7 +169,7 @@ def _block(labels: NDArray[np.integer], first: Integers, last: Integers) -> NDAr
     return np.pad(part, list(zip(low - first, last - high, strict=True)))
 
 
-def _sample(values: Floats, places: Floats) -> Floats:
+def _sample(values: NDArray[np.floating], places: Floats) -> Floats:
     from scipy.ndimage import map_coordinates
 
     return np.asarray(map_coordinates(values, places.T, order=1))

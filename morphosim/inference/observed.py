@@ -78,8 +78,8 @@ def read_images(
         Labels touch the border, are in several pieces, or differ from one image to another; times
         do not fit the images; the message says what to do.
     """
-    several = isinstance(what, Sequence) and not isinstance(what, str)
-    images = [_image(image, spacing) for image in (what if several else [what])]  # type: ignore[list-item]
+    given_images = [what] if isinstance(what, LabelImage | str | Path) else list(what)
+    images = [_image(image, spacing) for image in given_images]
     when = _times(times, len(images))
     given = None if scene is None else scene if isinstance(scene, Scene) else find_scene(str(scene))
     lattice = Numerics.preset(PRESET) if numerics is None else numerics
@@ -117,6 +117,9 @@ def read_run(
         The run has no fields, no save at a time, or other cells at one time than at another.
     """
     scene = saved_scene(path)
+    if any(scene.period):
+        message = f"{path} is of periodic space, where surfaces are not compared; take open space"
+        raise ValueError(message)
     with open_run(path) as run:
         spacing, all_times = float(run.attrs["spacing_um"]), run["time"].values
         when = [float(all_times[-1])] if times is None else _times(times, len(times))
@@ -182,7 +185,7 @@ def _cell(piece: Piece, image: LabelImage, said: Mapping[str, Any], given: Scene
     centre = np.asarray(image.origin) + image.steps * (
         piece.first + np.argwhere(piece.mask).mean(axis=0)
     )
-    about = {"name": f"cell{piece.label}", "volume": volume} | dict(said)
+    about: dict[str, Any] = {"name": f"cell{piece.label}", "volume": volume, **said}
     for cell in given.cells if given is not None else ():
         if cell.name == about["name"]:
             target = cell.volume if cell.volume is not None else cell.shape.volume
@@ -289,14 +292,14 @@ def ellipsoid_around(image: LabelImage, clearance: float) -> EllipsoidShell:
     x = (corners - middle) / size
 
     def outside(v: NDArray[np.float64]) -> NDArray[np.float64]:
-        return 1 - ((x * v[:3] - v[3:]) ** 2).sum(axis=1)
+        return np.asarray(1 - ((x * v[:3] - v[3:]) ** 2).sum(axis=1))
 
     def slope(v: NDArray[np.float64]) -> NDArray[np.float64]:
         off = x * v[:3] - v[3:]
         return np.concatenate([-2 * off * x, 2 * off], axis=1)
 
     start = np.concatenate([np.full(3, 0.9 / np.linalg.norm(x, axis=1).max()), np.zeros(3)])
-    found = minimize(
+    found = minimize(  # type: ignore[call-overload]
         lambda v: -np.log(v[:3]).sum(), start,
         jac=lambda v: np.concatenate([-1 / v[:3], np.zeros(3)]), method="SLSQP",
         constraints={"type": "ineq", "fun": outside, "jac": slope},

@@ -72,9 +72,9 @@ class Patches:
         """Patches of the points that are to be compared."""
         once = surfaces.once
         area = surfaces.area[once]
-        keys, at = np.unique(_keys(surfaces)[once], axis=0, return_inverse=True)
-        at = at.reshape(-1)
-        total = np.bincount(at, area, len(keys))
+        found, inverse = np.unique(_keys(surfaces)[once], axis=0, return_inverse=True)
+        keys, at = np.asarray(found, np.int64), inverse.reshape(-1)
+        total = np.asarray(np.bincount(at, area, len(keys)), np.float64)
         large = total > LEAST * PATCH**2
 
         def mean(values: Floats) -> Floats:

@@ -44,7 +44,7 @@ def draw_page(
     most = max(int((kinds == kind).sum()) for kind in panels)
     low = max(LEAST, LINE * most + 1.0)
     figure = Figure(figsize=(WIDE, 3.6 + low), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=[3.6, low])
+    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=[3.6, low]))
     _outlines(above.subplots(1, 3), image, fields, spacing)
     columns = below.subplots(1, len(panels) + 1, squeeze=False)[0]
     for axes, kind in zip(columns, panels, strict=False):
@@ -76,16 +76,17 @@ def _outlines(
         fitted = photographed(fields, spacing, plane).labels.take(0, axis=normal)
         k = round(float((middle[normal] - origin[normal]) / image.steps[normal]))
         seen = image.labels.take(k, axis=normal)
-        for labels, steps, start, colour, width in (
-            (seen, image.steps, origin, SEEN, 2.5), (fitted, np.full(3, voxel), first, FITTED, 1.0)
-        ):  # fmt: skip
+        drawn = (
+            (seen, image.steps, origin, SEEN, 2.5),
+            (fitted, np.full(3, voxel), first, FITTED, 1.0),
+        )
+        for labels, steps, start, colour, width in drawn:
             x, y = (
                 start[a] + steps[a] * np.arange(labels.shape[n]) for n, a in enumerate((across, up))
             )
-            for label in np.unique(labels[labels > 0]):
-                panel.contour(
-                    x, y, (labels == label).T.astype(float), [0.5], colors=colour, linewidths=width
-                )
+            for label in range(1, int(labels.max()) + 1):
+                inside = np.asarray(labels == label, float).T
+                panel.contour(x, y, inside, [0.5], colors=colour, linewidths=width)
         panel.set_aspect("equal")
         panel.set_xlabel(f"{'xyz'[across]}, µm")
         panel.set_ylabel(f"{'xyz'[up]}, µm")

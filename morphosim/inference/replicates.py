@@ -62,8 +62,8 @@ def mismatch(frame: Frame, fields: Sequence[CellField], spacing: float) -> float
     """Share of voxels at surfaces whose label differs between an image and that of fields."""
     image = photographed(fields, spacing, frame.image)
     image = closed(image) if frame.gaps else image
-    at_surface = np.count_nonzero(_at_surface(frame.image.labels))
-    return float(np.count_nonzero(image.labels != frame.image.labels) / max(at_surface, 1))
+    at_surface = int(np.count_nonzero(_at_surface(frame.image.labels)))
+    return int(np.count_nonzero(image.labels != frame.image.labels)) / at_surface
 
 
 def _at_surface(labels: NDArray[np.integer]) -> NDArray[np.bool_]:

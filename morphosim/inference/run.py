@@ -149,7 +149,7 @@ def fit(
         observed, scene=scene, names=names, times=times, spacing=spacing, confinement=confinement,
         numerics=numerics,
     )  # fmt: skip
-    asked = {"gamma": gamma, "sigma": sigma, "M": M}
+    asked: dict[str, Any] = {"gamma": gamma, "sigma": sigma, "M": M}
     model, frames = _model(seen, TIMES[0] if time is None else time, **asked)
     _check_asked(seen, M=M, kappa=kappa)
     still = len(frames) == 1
@@ -301,13 +301,13 @@ class _Work:
     ) -> NDArray[np.float64]:
         """(R, n) by how much replicates are off."""
         known = self.store.replicates()
+        starts = [start for start in state.starts if start is not None]
         flips = [
             mismatch(frame, start.fields, self.model.spacing)
-            for frame, start in zip(self.frames, state.starts, strict=True)
-            if start is not None
+            for frame, start in zip(self.frames, starts, strict=True)
         ]
         replica = Replica(
-            model=model, misfit=self.misfit, frames=self.frames, starts=state.starts,
+            model=model, misfit=self.misfit, frames=self.frames, starts=starts,
             vector=state.vector, slopes=state.slopes, flips=flips,
         )  # fmt: skip
         seeds = [seed for seed in range(resamples) if seed not in known]

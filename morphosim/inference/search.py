@@ -125,8 +125,12 @@ class Search:
 
         low = np.maximum(self.model.unknowns.lowest, state.vector - LARGEST)
         slopes = self.misfit.slopes(state.slopes)
+
+        def derivative(_: Floats) -> Floats:
+            return slopes
+
         found = least_squares(
-            rows, np.maximum(state.vector, low + INSIDE), jac=lambda _: slopes,
+            rows, np.maximum(state.vector, low + INSIDE), jac=derivative,
             bounds=(low, state.vector + LARGEST), max_nfev=EVALUATIONS,
         )  # fmt: skip
         return np.asarray(found.x)

@@ -158,8 +158,7 @@ class Model:
             _field(frame.image, k, cell.name, scale, h) for k, cell in enumerate(self.scene.cells)
         ]
         sizes = [float(f.phi.sum(dtype=np.float64)) * h**3 for f in fields]
-        given = [cell.volume for cell in self.scene.cells]
-        held = sizes if self.holds_volumes else [float(v) for v in given if not callable(v)]
+        held = sizes if self.holds_volumes else [c.target_volume(0.0) for c in self.scene.cells]
         count = len(fields)
         start = Start(fields, np.array(held), np.zeros(len(frame.patches.area)), np.zeros(count))
         return self.settled(frame, start, vector, corrected=False)
