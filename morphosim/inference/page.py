@@ -66,7 +66,8 @@ def _outlines(
         used.max(axis=0) * image.steps + origin + 2,
     )
     shape = np.ceil((high - low) / voxel).astype(int)
-    middle = 0.5 * (low + high)
+    planes = np.rint((0.5 * (low + high) - origin) / image.steps).astype(int)
+    middle = origin + planes * image.steps  # of voxels
     for panel, (normal, (across, up)) in zip(
         axes, enumerate([(1, 2), (0, 2), (0, 1)]), strict=True
     ):
@@ -74,8 +75,7 @@ def _outlines(
         flat[normal], first[normal] = 1, middle[normal]
         plane = LabelImage(labels=np.zeros(flat, np.int32), spacing=voxel, origin=first)
         fitted = photographed(fields, spacing, plane).labels.take(0, axis=normal)
-        k = round(float((middle[normal] - origin[normal]) / image.steps[normal]))
-        seen = image.labels.take(k, axis=normal)
+        seen = image.labels.take(int(planes[normal]), axis=normal)
         drawn = (
             (seen, image.steps, origin, SEEN, 2.5),
             (fitted, np.full(3, voxel), first, FITTED, 1.0),
@@ -87,6 +87,8 @@ def _outlines(
             for label in range(1, int(labels.max()) + 1):
                 inside = np.asarray(labels == label, float).T
                 panel.contour(x, y, inside, [0.5], colors=colour, linewidths=width)
+        panel.set_xlim(low[across], high[across])
+        panel.set_ylim(low[up], high[up])
         panel.set_aspect("equal")
         panel.set_xlabel(f"{'xyz'[across]}, µm")
         panel.set_ylabel(f"{'xyz'[up]}, µm")
