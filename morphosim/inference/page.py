@@ -44,7 +44,8 @@ def draw_page(
     most = max(int((kinds == kind).sum()) for kind in panels)
     low = max(LEAST, LINE * most + 1.0)
     figure = Figure(figsize=(WIDE, 3.6 + low), layout="constrained")
-    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=[3.6, low]))
+    halves = figure.subfigures(2, 1, height_ratios=[3.6, low])
+    above, below = np.asarray(halves).tolist()
     _outlines(above.subplots(1, 3), image, fields, spacing)
     columns = below.subplots(1, len(panels) + 1, squeeze=False)[0]
     for axes, kind in zip(columns, panels, strict=False):
