@@ -28,6 +28,7 @@ from morphosim.inference.trial import SETTLING, Frame, Interval, Model
 from morphosim.inference.unknowns import unknowns_of
 from morphosim.numerics.parameters import Numerics
 from morphosim.progress import progress_line, silent
+from morphosim.provenance import check_memory
 from morphosim.runs.writer import RunWriter
 from morphosim.scene.fingerprint import settings
 from morphosim.scene.scene import Scene
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RESAMPLES = 8
+COPIES = 8
+"""Matrices of all patches with all others, while uncertainties are found."""
 UNSETTLED = (
     f"the estimates still changed after {MOST_ROUNDS} rounds: the model may not be able to hold "
     "cells as they are seen (see the residuals), or too much is asked for"
@@ -150,14 +153,20 @@ def fit(
         numerics=numerics,
     )  # fmt: skip
     asked: dict[str, Any] = {"gamma": gamma, "sigma": sigma, "M": M}
-    model, frames = _model(seen, TIMES[0] if time is None else time, **asked)
     _check_asked(seen, M=M, kappa=kappa)
+    if kappa:  # cells without noise are compared with
+        still_cells = seen.scene.with_physics(kappa=0.0, kappa_by_type={})
+        seen = replace(seen, scene=still_cells)
+    model, frames = _model(seen, TIMES[0] if time is None else time, **asked)
     still = len(frames) == 1
     compared = frames if still else frames[1:]
     misfit = Misfit(
         patches=tuple(frame.patches for frame in compared), unknowns=model.unknowns,
         open_space=still and model.scene.confinement is None,
     )  # fmt: skip
+    count = len(misfit.weight)
+    advice = "fit fewer cells, or an image with a larger part of them as background"
+    check_memory(f"a fit with {count} patches of surface", COPIES * 8.0 * count**2, advice)
     with ExitStack() as stack:
         place = directory or stack.enter_context(tempfile.TemporaryDirectory(prefix="morphosim-"))
         store = Store(Path(place).resolve())
