@@ -57,6 +57,7 @@ INSTEAD = {
     },
     "morphosim warm": "morphosim warm --help",
     "morphosim warm SCENE": "morphosim warm SCENE --help",
+    "morphosim fit IMAGE -o DIR": "morphosim fit --help",
     "morphosim fit embryo.tif -o found --scene celegans-8 --table names.csv": (
         "morphosim fit --help"
     ),
