@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from morphosim.inference.offsets import Patches, rigid_motions
 from morphosim.inference.unknowns import SPREAD, Unknowns
@@ -40,20 +41,15 @@ class Misfit:
     @cached_property
     def weight(self) -> Floats:
         """(K,) what the offset of each patch counts by."""
-        return np.concatenate([patches.weight for patches in self.patches])
+        return Patches.joined(self.patches).weight
 
     @cached_property
     def _motions(self) -> Floats:
         """(K, f) orthonormal weighted offsets that do not count."""
         if not self.open_space:
             return np.zeros((len(self.weight), 0))
-        blocks = [rigid_motions(patches) for patches in self.patches]
-        out = np.zeros((len(self.weight), 6 * len(blocks)))
-        first = 0
-        for k, block in enumerate(blocks):
-            out[first : first + len(block), 6 * k : 6 * k + 6] = block
-            first += len(block)
-        return np.linalg.qr(out * self.weight[:, None])[0]
+        motions = block_diag(*(rigid_motions(patches) for patches in self.patches))
+        return np.linalg.qr(motions * self.weight[:, None])[0]
 
     def weighted(self, offsets: Floats) -> Floats:
         """Offsets (K,), or slopes of them (K, n), by weight and without motions."""
@@ -94,8 +90,7 @@ class Misfit:
         left = self.weighted(offsets)
         left = left - a @ (inverse @ (a.T @ left))
         alike = self._alike()
-        project = lambda k: k - a @ (inverse @ (a.T @ k))  # noqa: E731
-        one, two = project(np.eye(len(left))), project(alike)
+        one, two = (k - a @ (inverse @ (a.T @ k)) for k in (np.eye(len(left)), alike))
         sums = np.array([left @ left, left @ alike @ left])
         traces = np.array(
             [[np.sum(one * one), np.sum(one * two.T)], [np.sum(one * two.T), np.sum(two * two.T)]]
@@ -108,14 +103,15 @@ class Misfit:
 
     def _alike(self) -> Floats:
         """(K, K) covariance of weighted offsets of a smooth motion of 1 µm."""
-        out = np.zeros((len(self.weight), len(self.weight)))
-        first = 0
-        for patches in self.patches:
-            apart = np.linalg.norm(patches.centre[:, None] - patches.centre, axis=-1)
-            block = (patches.normal @ patches.normal.T) * np.exp(-0.5 * (apart / REACH) ** 2)
-            out[first : first + len(apart), first : first + len(apart)] = block
-            first += len(apart)
+        out = block_diag(*(_alike(patches) for patches in self.patches))
         return np.asarray(self.weight[:, None] * out * self.weight)
+
+
+def _alike(patches: Patches) -> Floats:
+    """(K, K) covariance of the offsets of a frame's patches in a smooth motion of 1 µm."""
+    apart = np.linalg.norm(patches.centre[:, None] - patches.centre, axis=-1)
+    cosine = patches.normal @ patches.normal.T
+    return np.asarray(cosine * np.exp(-0.5 * (apart / REACH) ** 2))
 
 
 def _not_negative(traces: Floats, sums: Floats) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from morphosim.cell_field import CellField
 from morphosim.importers.labels.label_image import LabelImage
+from morphosim.importers.labels.resampling import signed_distance
 from morphosim.kernels.offsets import grid_values
 from morphosim.measure.contacts import pack
 from morphosim.measure.label_image import labels_within
@@ -70,7 +71,7 @@ class Surfaces:
 
 
 def surfaces_of(image: LabelImage, names: Sequence[str]) -> Surfaces:
-    """Surfaces of an image whose labels are 1 to N; gaps of contacts are closed (`closed`)."""
+    """Surfaces of an image whose labels are 1 to N, and whose contacts have no gaps."""
     parts = [_surface(image, k) for k in range(len(names))]
     points, normals, area, cell, neighbour, clear = map(np.concatenate, zip(*parts, strict=True))
     return Surfaces(tuple(names), points, normals, area, cell, neighbour, clear)
@@ -123,34 +124,29 @@ def _boxes(image: LabelImage) -> Iterator[tuple[int, tuple[slice, ...]]]:
             )
 
 
-def signed_distance(
-    image: LabelImage, label: int, margin: float
-) -> tuple[NDArray[np.float32], Floats]:
+def label_depth(image: LabelImage, label: int, margin: float) -> tuple[Floats, Floats]:
     """Depth of voxels below the surface of a label, µm, and the position of the first one, µm.
 
     They reach `margin` µm beyond the label.
     """
-    from scipy.ndimage import distance_transform_edt
-
     labels, first = _around(image, label, margin)
-    mine = labels == label
-    depth = distance_transform_edt(mine, sampling=image.steps)
-    depth -= distance_transform_edt(~mine, sampling=image.steps)
-    return depth.astype(np.float32), np.asarray(image.origin) + first * image.steps
+    depth = signed_distance(labels == label, image.steps)
+    return depth, np.asarray(image.origin) + first * image.steps
 
 
 def _surface(image: LabelImage, k: int) -> tuple[NDArray, ...]:
     """Points, normals, areas, cell, neighbours and clearness of one cell's surface."""
     from skimage.measure import marching_cubes
 
-    depth, first = signed_distance(image, k + 1, AROUND)
+    steps, label = image.steps, k + 1
+    labels, first = _around(image, label, AROUND)
+    depth = signed_distance(labels == label, steps).astype(np.float32)
     places, faces, _, _ = marching_cubes(depth, 0.0)
-    normals, area = _normals_and_areas(places * image.steps, faces)
-    outside = _sample(depth, places + 0.3 * normals * image.steps.min() / image.steps) < 0
+    normals, area = _normals_and_areas(places * steps, faces)
+    outside = _sample(depth, places + 0.3 * normals * steps.min() / steps) < 0
     normals *= np.where(outside, 1.0, -1.0)[:, None]
-    labels, _ = _around(image, k + 1, AROUND)
-    neighbour, clear = _behind(labels, k + 1, places, normals, image.steps)
-    points = places * image.steps + first
+    neighbour, clear = _behind(labels, label, places, normals, steps)
+    points = places * steps + (np.asarray(image.origin) + first * steps)
     return points, normals, area, np.full(len(points), k), neighbour, clear
 
 

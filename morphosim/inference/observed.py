@@ -169,30 +169,30 @@ def _image_of(fields: Sequence[CellField], spacing: float) -> LabelImage:
 
 def _seen_cell(image: LabelImage, k: int, name: str, known: Cell | None) -> Cell:
     """Cell of a label, with what is known of a cell of this name."""
-    piece = np.argwhere(image.labels == k + 1)
-    volume = len(piece) * image.voxel
-    centre = np.asarray(image.origin) + piece.mean(axis=0) * image.steps
-    ball = Sphere(center=centre, radius=radius_of(volume))
+    ball = _ball(image, np.argwhere(image.labels == k + 1))
     if known is None:
-        return Cell(name=name, shape=ball, volume=volume)
+        return Cell(name=name, shape=ball, volume=ball.volume)
     target = known.volume if known.volume is not None else known.shape.volume
     return replace(known, shape=ball, volume=target, frozen=False)
 
 
 def _cell(piece: Piece, image: LabelImage, said: Mapping[str, Any], given: Scene | None) -> Cell:
     """Cell of a label: what a table says of it, or else a scene. It begins as a ball."""
-    volume = piece.count * image.voxel
-    centre = np.asarray(image.origin) + image.steps * (
-        piece.first + np.argwhere(piece.mask).mean(axis=0)
-    )
-    about: dict[str, Any] = {"name": f"cell{piece.label}", "volume": volume, **said}
+    ball = _ball(image, piece.first + np.argwhere(piece.mask))
+    about: dict[str, Any] = {"name": f"cell{piece.label}", "volume": ball.volume, **said}
     for cell in given.cells if given is not None else ():
         if cell.name == about["name"]:
             target = cell.volume if cell.volume is not None else cell.shape.volume
             mine = {"type": cell.type, "parent": cell.parent, "gamma": cell.gamma, "volume": target}
             about |= {key: value for key, value in mine.items() if key not in said}
     about["frozen"] = False
-    return Cell(shape=Sphere(center=centre, radius=radius_of(volume)), **about)
+    return Cell(shape=ball, **about)
+
+
+def _ball(image: LabelImage, voxels: NDArray[np.int64]) -> Sphere:
+    """Ball of the volume of so many voxels (n, 3), about their centre."""
+    centre = np.asarray(image.origin) + voxels.mean(axis=0) * image.steps
+    return Sphere(center=centre, radius=radius_of(len(voxels) * image.voxel))
 
 
 def _image(image: Image, spacing: ArrayLike | None) -> LabelImage:

@@ -83,6 +83,16 @@ class Patches:
 
         return cls(keys[large], total[large], mean(surfaces.points), mean(surfaces.normals))
 
+    @classmethod
+    def joined(cls, parts: Sequence["Patches"]) -> "Patches":
+        """Patches of several frames, one after the other."""
+        return cls(
+            np.concatenate([part.keys for part in parts]),
+            np.concatenate([part.area for part in parts]),
+            np.concatenate([part.centre for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+        )
+
     @property
     def cell(self) -> Integers:
         """(K,) cell of each patch."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from morphosim.cell_field import CellField
 from morphosim.importers.labels.label_image import LabelImage
 from morphosim.inference.estimate import Misfit
-from morphosim.inference.observation import closed, photographed
+from morphosim.inference.observation import photographed
 from morphosim.inference.search import intervals_of
 from morphosim.inference.trial import Frame, Model, Start
 
@@ -60,8 +60,7 @@ def replicated(replica: Replica, seed: int) -> Floats:
 
 def mismatch(frame: Frame, fields: Sequence[CellField], spacing: float) -> float:
     """Share of voxels at surfaces whose label differs between an image and that of fields."""
-    image = photographed(fields, spacing, frame.image)
-    image = closed(image) if frame.gaps else image
+    image = frame.like(fields, spacing)
     at_surface = int(np.count_nonzero(_at_surface(frame.image.labels)))
     return int(np.count_nonzero(image.labels != frame.image.labels)) / at_surface
 

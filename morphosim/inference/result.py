@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from morphosim.inference.estimate import TOLD, Misfit
+from morphosim.inference.offsets import Patches
 from morphosim.inference.search import State
 from morphosim.inference.trial import Frame
 from morphosim.inference.unknowns import SPREAD, Unknowns
@@ -102,24 +103,20 @@ def _left_over(answer: Answer) -> "xr.Dataset":
     import xarray as xr
 
     names = np.array([*answer.unknowns.names, ""])
-    patches, weight = answer.misfit.patches, answer.misfit.weight
-    cell = np.concatenate([p.cell for p in patches])
-    neighbour = np.concatenate([p.neighbour for p in patches])
+    patches, weight = Patches.joined(answer.misfit.patches), answer.misfit.weight
     off = answer.misfit.weighted(answer.state.offsets) / weight
     sums = np.zeros((2, len(names)))
-    for side in (cell, neighbour):
+    for side in (patches.cell, patches.neighbour):
         np.add.at(sums[0], side, weight**2 * off**2)
         np.add.at(sums[1], side, weight**2)
     of_cells = np.sqrt(sums[0] / np.maximum(sums[1], 1e-12))[:-1]
-    centre = np.concatenate([p.centre for p in patches])
-    area = np.concatenate([p.area for p in patches])
     return xr.Dataset(
         {
             "residual": _um("patch", off, "simulated surface lies farther out by"),
-            "patch_cell": ("patch", names[cell]),
-            "patch_neighbour": ("patch", names[neighbour]),
-            "patch_area": ("patch", area, {"units": "um2"}),
-            "position": (("patch", "axis"), centre, {"units": "um"}),
+            "patch_cell": ("patch", names[patches.cell]),
+            "patch_neighbour": ("patch", names[patches.neighbour]),
+            "patch_area": ("patch", patches.area, {"units": "um2"}),
+            "position": (("patch", "axis"), patches.centre, {"units": "um"}),
             "cell_residual": _um("cell", of_cells, "root mean square over the cell's surface"),
         },
         {"cell": list(answer.unknowns.names), "axis": list("xyz")},
@@ -150,14 +147,13 @@ def _contacts(
     names = answer.unknowns.names
     simulated = contact_areas(final, spacing)
     pairs = sorted(seen)
-    offsets, patches = answer.state.offsets, answer.misfit.patches
-    cell = np.concatenate([p.cell for p in patches])
-    neighbour = np.concatenate([p.neighbour for p in patches])
-    area = np.concatenate([p.area for p in patches])
+    offsets, patches = answer.state.offsets, Patches.joined(answer.misfit.patches)
     left, ends = [], []
     for i, j in pairs:
-        mine = (cell == i) & (neighbour == j)
-        square = np.average(offsets[mine] ** 2, weights=area[mine]) if mine.any() else np.nan
+        mine = (patches.cell == i) & (patches.neighbour == j)
+        square = (
+            np.average(offsets[mine] ** 2, weights=patches.area[mine]) if mine.any() else np.nan
+        )
         left.append(float(np.sqrt(square)))
         pair = names[i], names[j]
         ends.append(simulated.get(pair, simulated.get(pair[::-1], 0.0)))

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from morphosim._files import replacing, write_text
 from morphosim.cell_field import CellField
-from morphosim.errors import SaveError
 from morphosim.inference.search import State
 from morphosim.inference.trial import Start
-from morphosim.runs.directory import RunDirectory
+from morphosim.runs.directory import locked_directory
+from morphosim.sweeps.store import differences
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -46,13 +46,8 @@ class Store:
         return self.path / "fit.png"
 
     def locked(self) -> Any:
-        """Lock on the directory, which is made if it does not exist; see `RunDirectory.locked`."""
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            message = f"cannot make the directory {self.path}: {error.strerror or error}"
-            raise SaveError(message) from error
-        return RunDirectory(self.path).locked()
+        """Lock on the directory; see `locked_directory`."""
+        return locked_directory(self.path)
 
     def begin(self, description: Mapping[str, Any]) -> None:
         """Make this the directory of a fit, or check that it is.
@@ -65,14 +60,13 @@ class Store:
             It holds something else.
         """
         if self.plan.exists():
-            had, has = json.loads(self.plan.read_text(encoding="utf-8")), dict(description)
-            for key in [*had, *(key for key in has if key not in had)]:
-                if had.get(key) != json.loads(json.dumps(has.get(key))):
-                    message = (
-                        f"{self.path} holds another fit: {key} is {_brief(had.get(key))} there and "
-                        f"{_brief(has.get(key))} here; take another directory, or the same fit"
-                    )
-                    raise ValueError(message)
+            had = json.loads(self.plan.read_text(encoding="utf-8"))
+            for key, before, now in differences(had, json.loads(json.dumps(dict(description)))):
+                message = (
+                    f"{self.path} holds another fit: {key} is {_brief(before)} there and "
+                    f"{_brief(now)} here; take another directory, or the same fit"
+                )
+                raise ValueError(message)
             return
         for file in self.path.iterdir():
             if file.name != "lock":
@@ -132,7 +126,7 @@ class Store:
 
 
 def _brief(value: Any) -> str:
-    text = "absent" if value is None else str(value)
+    text = str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 

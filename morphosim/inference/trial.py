@@ -14,8 +14,8 @@ from morphosim.inference.observation import (
     Surfaces,
     closed,
     has_gaps,
+    label_depth,
     photographed,
-    signed_distance,
     surfaces_of,
 )
 from morphosim.inference.offsets import Patches, offsets
@@ -66,6 +66,11 @@ class Frame:
         surfaces = surfaces_of(image, names)
         patches = Patches.of(surfaces) if patches is None else patches
         return cls(time, image, gaps, surfaces, patches)
+
+    def like(self, fields: Sequence[CellField], spacing: float) -> LabelImage:
+        """Image of fields on the same voxels, contacts closed alike."""
+        image = photographed(fields, spacing, self.image)
+        return closed(image) if self.gaps else image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,8 +191,7 @@ class Model:
 
     def _photographed(self, frame: Frame, fields: list[CellField]) -> tuple[Surfaces, Floats]:
         """Surfaces in an image of fields, and how far the fields' own are from them."""
-        image = photographed(fields, self.spacing, frame.image)
-        seen = surfaces_of(closed(image) if frame.gaps else image, frame.surfaces.names)
+        seen = surfaces_of(frame.like(fields, self.spacing), frame.surfaces.names)
         return seen, offsets(seen, fields, self.spacing)
 
     def missed(self, interval: "Interval", vector: Floats) -> Floats:
@@ -216,7 +220,8 @@ class Interval:
 
 def _field(image: LabelImage, k: int, name: str, scale: float, spacing: float) -> CellField:
     """Field of a label, by the distance from its surface."""
-    depth, first = signed_distance(image, k + 1, BEYOND)
+    depth, first = label_depth(image, k + 1, BEYOND)
+    depth = depth.astype(np.float32)
     low = np.ceil(first / spacing).astype(np.int64)
     last = first + (np.array(depth.shape) - 1) * image.steps
     high = np.floor(last / spacing).astype(np.int64)

@@ -162,3 +162,19 @@ class RunDirectory:
             )
             raise SaveError(message) from error
         return lock
+
+
+def locked_directory(path: Path) -> Any:
+    """Lock on a directory, which is made if it does not exist; see `RunDirectory.locked`.
+
+    Raises
+    ------
+    SaveError
+        It cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        message = f"cannot make the directory {path}: {error.strerror or error}"
+        raise SaveError(message) from error
+    return RunDirectory(path).locked()

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from morphosim._files import PARTIAL, replacing, write_text
-from morphosim.errors import SaveError
-from morphosim.runs.directory import RunDirectory
+from morphosim.runs.directory import locked_directory
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -115,7 +114,7 @@ class Store:
     def _check_same(self, had: Mapping[str, Any], has: Mapping[str, Any]) -> None:
         """Raise ValueError naming what differs from the scan of this directory."""
         has = json.loads(json.dumps(has))
-        for where, before, now in _differences(had, has):
+        for where, before, now in differences(had, has):
             message = (
                 f"{self.path} holds another scan: {where} is {before} there and {now} here; take "
                 "another directory, or the same scan"
@@ -133,21 +132,16 @@ class Store:
             raise ValueError(message)
 
     def locked(self) -> Any:
-        """Lock on the directory, which is made if it does not exist; see `RunDirectory.locked`."""
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            message = f"cannot make the directory {self.path}: {error.strerror or error}"
-            raise SaveError(message) from error
-        return RunDirectory(self.path).locked()
+        """Lock on the directory; see `locked_directory`."""
+        return locked_directory(self.path)
 
 
-def _differences(had: Any, has: Any, where: str = "") -> Any:
+def differences(had: Any, has: Any, where: str = "") -> Any:
     """Place, before and now of everything that differs between two tables."""
     if isinstance(had, dict) and isinstance(has, dict):
         for key in [*had, *(key for key in has if key not in had)]:
             place = f"{where}: {key}" if where else key
-            yield from _differences(had.get(key), has.get(key), place)
+            yield from differences(had.get(key), has.get(key), place)
     elif had != has:
         yield where, "absent" if had is None else had, "absent" if has is None else has
 

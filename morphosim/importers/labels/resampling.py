@@ -25,7 +25,7 @@ def resampled(
     padded = np.pad(piece.mask, [(n, n) for n in around])
     origin = np.asarray(image.origin) + (piece.first - around) * steps
     first = origin + 0.5 * (step - steps)  # so that cubes fill a voxel where they fit into it
-    depth = _sampled(_signed_distance(padded, steps), origin, steps, first, step)
+    depth = _sampled(signed_distance(padded, steps), origin, steps, first, step)
     depth = uniform_filter(depth, 3, mode="nearest").round(6)  # fewer cubes are equally deep
     wanted = min(max(round(volume / step**3), 1), depth.size)
     level = np.partition(depth, -wanted, axis=None)[-wanted]
@@ -36,7 +36,7 @@ def resampled(
     return chosen[box], first + [b.start * step for b in box]
 
 
-def _signed_distance(mask: NDArray[np.bool_], steps: Floats) -> Floats:
+def signed_distance(mask: NDArray[np.bool_], steps: Floats) -> Floats:
     """Distance of voxels to the nearest one on the other side, µm, positive inside."""
     from scipy.ndimage import distance_transform_edt
 
@@ -76,7 +76,7 @@ def walls_around(image: LabelImage, step: float, clearance: float, closing: floa
     padded = np.pad(image.labels[used] > 0, [(n, n) for n in around])
     origin = np.asarray(image.origin) + ([b.start for b in used] - around) * steps
     first = np.ceil(origin / step) * step
-    cells = _sampled(_signed_distance(padded, steps), origin, steps, first, step) > 0
+    cells = _sampled(signed_distance(padded, steps), origin, steps, first, step) > 0
     far = distance_transform_edt(~cells, sampling=step) - step / 2 > clearance + closing
     inside = distance_transform_edt(~far, sampling=step) - step / 2 > closing
     box = _box(inside)
